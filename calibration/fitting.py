@@ -1,0 +1,165 @@
+"""`fit`: the best parameters of a problem, their covariance, and what the data cannot tell."""
+
+import dataclasses
+import importlib
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import numpy as np
+
+from calibration.identify import Identifiability, analyse
+from calibration.parameters import nearest
+from calibration.problem import Problem, model_name
+from calibration.result import FitResult
+from calibration.solution import Solution
+from calibration.solvers import box_lm
+from calibration.solvers.outcome import Outcome
+from procmodel.errors import InputError
+from procmodel.precision import require_float64
+
+# Each solver: the module with its `solve`, and the class of its options.
+SOLVERS = {
+    "box_lm": ("calibration.solvers.box_lm", "BoxLMOptions"),
+    "optimistix": ("calibration.solvers.optimistix_engine", "OptimistixOptions"),
+    "scipy": ("calibration.solvers.scipy_trf", "ScipyTrfOptions"),
+    "jaxopt": ("calibration.solvers.jaxopt_lbfgsb", "JaxoptOptions"),
+}
+_NOISE_ROUNDS = 50
+
+
+def fit(problem: Problem, solver: str = "box_lm", **options: Any) -> FitResult:
+    """Fit the free parameters of a problem.
+
+    Parameters
+    ----------
+    problem : Problem
+        Model, parameters and readings.
+    solver : {"box_lm", "optimistix", "scipy", "jaxopt"}
+        Our bounded Levenberg-Marquardt, or one of the adapters.
+    **options
+        Settings of that solver, such as ``max_steps`` and ``tolerance``.
+
+    Returns
+    -------
+    FitResult
+        Values, intervals and verdicts. A fit that did not converge is returned too, with
+        ``converged`` False and the reason in ``status``.
+
+    Raises
+    ------
+    InputError
+        If there are fewer readings than parameters, or solver or option names are unknown.
+    RuntimeError
+        If JAX makes 32-bit floats.
+
+    Notes
+    -----
+    Where a data set has no sigma, one noise level is estimated for it from its residuals with
+    n - p degrees of freedom, and intervals use Student's t.
+    """
+    require_float64("A fit")
+    run = _solver(solver, options)
+    evidence = problem.size + len(problem.layout.priors)
+    if evidence < len(problem.layout.free):
+        raise InputError(
+            f"{problem.size} readings cannot fit {len(problem.layout.free)} free parameters "
+            f"({', '.join(problem.layout.free)}): add readings or fix parameters."
+        )
+    lower, upper = problem.layout.internal_bounds()
+    levels = _first_noise_levels(problem)
+    start, rounds, steps = problem.start, 1, 0
+    while True:
+        arguments = (problem.fixed_values, problem.data(levels))
+        try:
+            outcome = run(problem.structure, start, lower, upper, arguments)
+        except jax.errors.TracerArrayConversionError:
+            names = ", ".join(sorted({model_name(f) for f in problem.structure.functions}))
+            raise InputError(
+                f"model {names} turns its parameters into NumPy arrays: write it with jax.numpy."
+            ) from None
+        steps += outcome.steps
+        held = _held_at_bounds(outcome, lower, upper)
+        analysis = analyse(np.where(held, 0.0, outcome.jacobian))
+        estimated = _noise_levels(problem, outcome, analysis, levels)
+        settled = np.allclose(estimated, levels, rtol=1e-9, atol=0.0)
+        # One data set without priors: its noise level scales everything alike, no need to repeat.
+        alone = len(levels) == 1 and not problem.layout.priors
+        if alone or settled or not outcome.converged or rounds == _NOISE_ROUNDS:
+            break
+        levels, start, rounds = estimated, outcome.vector, rounds + 1
+    solution = Solution(
+        problem=problem,
+        outcome=dataclasses.replace(outcome, steps=steps),
+        held=held,
+        assumed_noise=levels,
+        noise=estimated,
+    )
+    return solution.result(solver)
+
+
+def _solver(name: str, options: dict[str, Any]) -> Callable[..., Outcome]:
+    """The named solver as ``run(residuals, start, lower, upper, arguments) -> Outcome``."""
+    if name not in SOLVERS:
+        raise InputError(f"solver {name!r} is unknown{nearest(name, tuple(SOLVERS))}.")
+    module_name, class_name = SOLVERS[name]
+    module = importlib.import_module(module_name)
+    options_class = getattr(module, class_name)
+    known = tuple(f.name for f in dataclasses.fields(options_class))
+    for option in options:
+        if option not in known:
+            raise InputError(f"solver {name!r} has no option {option!r}{nearest(option, known)}.")
+    settings = options_class(**options)
+
+    def run(
+        residuals: box_lm.Residuals,
+        start: np.ndarray,
+        lower: np.ndarray,
+        upper: np.ndarray,
+        arguments: Any,
+    ) -> Outcome:
+        if name != "box_lm":
+            return module.solve(residuals, start, lower, upper, arguments, settings)
+        end = box_lm.solve_compiled(residuals, start, lower, upper, arguments, settings)
+        status = int(end.status)
+        return Outcome(
+            vector=np.asarray(end.vector),
+            residuals=np.asarray(end.residuals),
+            jacobian=np.asarray(end.jacobian),
+            status=box_lm.STATUS[status],
+            converged=status in box_lm.CONVERGED,
+            steps=int(end.steps),
+        )
+
+    return run
+
+
+def _held_at_bounds(outcome: Outcome, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+    """Which parameters a bound holds back: the misfit would fall outside, shape (p,)."""
+    gradient = outcome.jacobian.T @ outcome.residuals
+    reach = 1e-9 * np.maximum(1.0, np.abs(outcome.vector))
+    low = (outcome.vector <= lower + reach) & (gradient >= 0)
+    return low | ((outcome.vector >= upper - reach) & (gradient <= 0))
+
+
+def _first_noise_levels(problem: Problem) -> tuple[float, ...]:
+    if len(problem.datasets) == 1 and not problem.layout.priors:
+        return (1.0,)
+    spreads = (float(np.std(d.y)) for d in problem.datasets.values())
+    return tuple(s if s > 0 else 1.0 for s in spreads)
+
+
+def _noise_levels(
+    problem: Problem, outcome: Outcome, analysis: Identifiability, levels: tuple[float, ...]
+) -> tuple[float, ...]:
+    """Noise of each data set from its residuals, less what the parameters absorbed there."""
+    estimates = []
+    for part, dataset, level in zip(problem.slices, problem.datasets.values(), levels, strict=True):
+        if dataset.sigma is not None:
+            estimates.append(level)
+            continue
+        free = len(dataset.y) - float(np.sum(analysis.leverage[part]))
+        square = float(np.sum(outcome.residuals[part] ** 2)) * level**2
+        floor = np.finfo(float).eps * max(float(np.max(np.abs(dataset.y))), 1e-300)
+        estimates.append(max(float(np.sqrt(square / free)), floor) if free > 1e-6 else floor)
+    return tuple(estimates)

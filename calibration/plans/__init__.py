@@ -1,0 +1,1 @@
+"""Plans: from fitted models and their uncertainty to what the machine is told."""

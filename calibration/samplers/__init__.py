@@ -1,0 +1,1 @@
+"""Samplers behind `calibration.sample`."""

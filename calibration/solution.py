@@ -1,0 +1,244 @@
+"""From a solver's last point to a `FitResult`: covariance, intervals, verdicts, warnings."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import jax
+import numpy as np
+import scipy.special
+
+from calibration.identify import Identifiability, analyse, trades_in_words, unseen_in_words
+from calibration.problem import Problem
+from calibration.result import FitResult, ParameterEstimate, correlation_of
+from calibration.solvers.outcome import Outcome
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A solver's last point with the noise found there.
+
+    Attributes
+    ----------
+    problem : Problem
+        What was solved.
+    outcome : Outcome
+        Where the solver stopped; its residuals are in units of `assumed_noise`.
+    held : ndarray of bool, shape (p,)
+        Parameters that a bound holds back.
+    assumed_noise, noise : tuple of float
+        Noise level of each data set as the solver took it, and as the residuals show it.
+    """
+
+    problem: Problem
+    outcome: Outcome
+    held: np.ndarray
+    assumed_noise: tuple[float, ...]
+    noise: tuple[float, ...]
+
+    def result(self, solver: str) -> FitResult:
+        """Everything there is to say about the solution."""
+        problem, free = self.problem, self.problem.layout.free
+        covariance = self.analysis.covariance.copy()
+        without = self.held | np.array([self.analysis.is_flat(row) for row in np.eye(len(free))])
+        covariance[without, :] = covariance[:, without] = np.nan
+        return FitResult(
+            problem=problem,
+            parameters={name: self._estimate(name) for name in problem.layout.names},
+            status=self.outcome.status,
+            converged=self.outcome.converged,
+            solver=solver,
+            steps=self.outcome.steps,
+            vector=self.outcome.vector,
+            covariance=covariance,
+            residuals=self._raw_residuals(),
+            noise={
+                name: None if dataset.sigma is not None else level
+                for (name, dataset), level in zip(problem.datasets.items(), self.noise, strict=True)
+            },
+            degrees_of_freedom=self.freedom,
+            reduced_chi2=self._reduced_chi2,
+            condition=self._condition,
+            directions=self._directions(),
+            trades=trades_in_words(correlation_of(covariance), free),
+            warnings=self._warnings(),
+        )
+
+    @cached_property
+    def standardised(self) -> np.ndarray:
+        """Residuals in units of the noise found, priors included."""
+        return self.outcome.residuals * self._rescaling
+
+    @cached_property
+    def jacobian(self) -> np.ndarray:
+        """Derivative of `standardised` by the natural free parameters, shape (n, p)."""
+        scaled = self.outcome.jacobian * self._rescaling[:, None]
+        return np.divide(scaled, self.slopes, out=np.zeros_like(scaled), where=self.slopes > 0)
+
+    @cached_property
+    def slopes(self) -> np.ndarray:
+        """Derivative of natural by internal parameter, shape (p,)."""
+        return self.problem.layout.slopes(self.outcome.vector)
+
+    @cached_property
+    def analysis(self) -> Identifiability:
+        """Rank and covariance of the parameters that no bound holds."""
+        return analyse(np.where(self.held, 0.0, self.jacobian))
+
+    @cached_property
+    def analysis_of_data(self) -> Identifiability:
+        """The same without priors: what the readings alone tell."""
+        if not self.problem.layout.priors:
+            return self.analysis
+        return analyse(np.where(self.held, 0.0, self.jacobian[: self.problem.size]))
+
+    @property
+    def freedom(self) -> int:
+        """Readings and priors less parameters determined."""
+        return self.problem.size + len(self.problem.layout.priors) - self.analysis.rank
+
+    def quantile(self, level: float) -> float:
+        """Of the normal distribution, or of Student's t where the noise was estimated."""
+        if self.problem.noise_known:
+            return float(scipy.special.ndtri(level))
+        return float(scipy.special.stdtrit(self.freedom, level)) if self.freedom else float("nan")
+
+    @cached_property
+    def _rescaling(self) -> np.ndarray:
+        scale = np.ones_like(self.outcome.residuals)
+        for part, assumed, found in zip(
+            self.problem.slices, self.assumed_noise, self.noise, strict=True
+        ):
+            scale[part] = assumed / found
+        return scale
+
+    @cached_property
+    def _natural(self) -> dict[str, float]:
+        layout = self.problem.layout
+        values = layout.natural(self.outcome.vector, self.problem.fixed_values)
+        return {name: float(value) for name, value in values.items()}
+
+    @property
+    def _reduced_chi2(self) -> float | None:
+        if not self.problem.noise_known or self.freedom == 0:
+            return None
+        return float(np.sum(self.standardised**2)) / self.freedom
+
+    @property
+    def _condition(self) -> float:
+        return analyse(self.jacobian[:, ~self.held]).condition if not all(self.held) else 1.0
+
+    def _raw_residuals(self) -> dict[str, np.ndarray]:
+        residuals = {}
+        for (name, dataset), part, level in zip(
+            self.problem.datasets.items(), self.problem.slices, self.assumed_noise, strict=True
+        ):
+            sigma = level if dataset.sigma is None else dataset.sigma
+            residuals[name] = -self.outcome.residuals[part] * sigma
+        return residuals
+
+    def _gradient(self, name: str) -> np.ndarray:
+        """Derivative of a parameter by the natural free ones, shape (p,)."""
+        layout = self.problem.layout
+        if name in layout.free:
+            return np.eye(len(layout.free))[layout.free.index(name)]
+        target = dict(layout.tied).get(name)
+        if target is None:
+            return np.zeros(len(layout.free))
+        if isinstance(target, str):
+            return self._gradient(target)
+        by_vector = jax.jacfwd(lambda v: layout.natural(v, self.problem.fixed_values)[name])
+        return np.asarray(by_vector(self.outcome.vector)) / self.slopes
+
+    def _estimate(self, name: str) -> ParameterEstimate:
+        parameter = self.problem.parameters[name]
+        value, unit = self._natural[name], parameter.unit
+        gradient = self._gradient(name)
+        if not np.any(gradient):
+            return ParameterEstimate(value, None, None, unit, "fixed")
+        if np.any(gradient[self.held]):
+            return self._estimate_held(name, value, unit)
+        if self.analysis.is_flat(gradient):
+            return ParameterEstimate(
+                value, None, None, unit, "flat", "the data leave it open, see below"
+            )
+        std = float(np.sqrt(gradient @ self.analysis.covariance @ gradient))
+        if self.freedom == 0 and not self.problem.noise_known:
+            return ParameterEstimate(
+                value, None, None, unit, "flat", "no reading is left over to show the noise"
+            )
+        interval = self._interval(name, value, std)
+        if self.analysis_of_data.is_flat(gradient):
+            return ParameterEstimate(
+                value, std, interval, unit, "flat", "its interval comes from the prior alone"
+            )
+        lower, upper = parameter.bounds
+        below, above = interval[0] < lower, interval[1] > upper
+        cut = (max(interval[0], lower), min(interval[1], upper))
+        if below and above:
+            reason = f"its 95 % interval is wider than its bounds ({lower:g}, {upper:g})"
+            return ParameterEstimate(value, std, cut, unit, "flat", reason)
+        if below or above:
+            side, bound = ("lower", lower) if below else ("upper", upper)
+            reason = f"its 95 % interval reaches past the {side} bound {bound:g}"
+            return ParameterEstimate(value, std, cut, unit, "one-sided", reason)
+        return ParameterEstimate(value, std, interval, unit, "identified")
+
+    def _interval(self, name: str, value: float, std: float) -> tuple[float, float]:
+        """95 % interval, symmetric in the coordinate that the solver works in."""
+        reach = self.quantile(0.975) * std
+        if name not in self.problem.layout.free:
+            return value - reach, value + reach
+        ends = self.problem.layout.around(self.outcome.vector, name, np.array([-reach, reach]))
+        return float(ends[0]), float(ends[1])
+
+    def _estimate_held(self, name: str, value: float, unit: str) -> ParameterEstimate:
+        """A parameter at its bound, with the one-sided limit where the misfit has risen enough."""
+        layout = self.problem.layout
+        if name not in layout.free:
+            reason = "it follows a parameter that is held at a bound"
+            return ParameterEstimate(value, None, None, unit, "one-sided", reason)
+        index = layout.free.index(name)
+        lower, upper = layout.bounds[index]
+        at_lower = abs(value - lower) <= abs(value - upper)
+        side, bound = ("lower", lower) if at_lower else ("upper", upper)
+        reason = f"held at its {side} bound {bound:g}"
+        others = self.held.copy()
+        others[index] = False
+        released = analyse(np.where(others, 0.0, self.jacobian))
+        if released.is_flat(np.eye(len(layout.free))[index]):
+            return ParameterEstimate(value, None, None, unit, "flat", reason)
+        slope = abs(float(self.jacobian[:, index] @ self.standardised))
+        curvature = 1.0 / released.covariance[index, index]
+        threshold = self.quantile(0.95) ** 2
+        reach = (np.sqrt(slope**2 + curvature * threshold) - slope) / curvature
+        limit = float(value + reach if at_lower else value - reach)
+        interval = (value, min(limit, upper)) if at_lower else (max(limit, lower), value)
+        if not np.isfinite(limit):
+            return ParameterEstimate(value, None, None, unit, "one-sided", reason)
+        return ParameterEstimate(value, None, interval, unit, "one-sided", reason)
+
+    def _directions(self) -> tuple[str, ...]:
+        seen = ~self.held
+        if not np.any(seen):
+            return ()
+        free = self.problem.layout.free
+        names = tuple(n for n, s in zip(free, seen, strict=True) if s)
+        values = np.array([self._natural[n] for n in names])
+        by_data = analyse(self.jacobian[: self.problem.size][:, seen])
+        return unseen_in_words(by_data, names, values)
+
+    def _warnings(self) -> tuple[str, ...]:
+        warnings = []
+        if not self.outcome.converged:
+            warnings.append("the fit did not converge: do not use the intervals")
+        if self.freedom == 0:
+            warnings.append(
+                "as many parameters as readings: the misfit says nothing about the model"
+            )
+        chi2 = self._reduced_chi2
+        if chi2 is not None and scipy.special.chdtrc(self.freedom, chi2 * self.freedom) < 1e-3:
+            warnings.append(
+                f"the misfit is {np.sqrt(chi2):.2g} times what sigma allows: the model or sigma "
+                "is wrong, and the intervals are too narrow"
+            )
+        return tuple(warnings)

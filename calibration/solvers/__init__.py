@@ -1,0 +1,1 @@
+"""Solvers behind one call: our bounded Levenberg-Marquardt and the adapters."""

@@ -1,0 +1,70 @@
+"""What every solver hands back, and the residuals compiled for those outside JAX."""
+
+import functools
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import numpy as np
+from jax import Array
+
+from calibration.solvers.box_lm import Residuals
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Where a solver stopped.
+
+    Attributes
+    ----------
+    vector : ndarray, shape (p,)
+        Last parameters, internal coordinates.
+    residuals : ndarray, shape (n,)
+        Residuals there.
+    jacobian : ndarray, shape (n, p)
+        Their derivative.
+    status : str
+        Why it stopped, as a sentence.
+    converged : bool
+        Whether that is an optimum.
+    steps : int
+        Steps or evaluations made.
+    """
+
+    vector: np.ndarray
+    residuals: np.ndarray
+    jacobian: np.ndarray
+    status: str
+    converged: bool
+    steps: int
+
+
+@functools.partial(jax.jit, static_argnames="residuals")
+def value_at(residuals: Residuals, vector: Array, arguments: Any) -> Array:
+    """Residuals, compiled once for each function and shape."""
+    return residuals(vector, arguments)
+
+
+@functools.partial(jax.jit, static_argnames="residuals")
+def jacobian_at(residuals: Residuals, vector: Array, arguments: Any) -> Array:
+    """Jacobian of the residuals, compiled once for each function and shape."""
+    return jax.jacfwd(residuals)(vector, arguments)
+
+
+def finished(
+    residuals: Residuals,
+    vector: np.ndarray,
+    arguments: Any,
+    status: str,
+    converged: bool,
+    steps: int,
+) -> Outcome:
+    """Outcome at a vector that a foreign solver returned."""
+    return Outcome(
+        vector=np.asarray(vector, float),
+        residuals=np.asarray(value_at(residuals, vector, arguments)),
+        jacobian=np.asarray(jacobian_at(residuals, vector, arguments)),
+        status=status,
+        converged=converged,
+        steps=steps,
+    )
