@@ -9,13 +9,12 @@ import jax
 import numpy as np
 
 from calibration.identify import Identifiability, analyse
-from calibration.parameters import nearest
 from calibration.problem import Problem, model_name
 from calibration.result import FitResult
 from calibration.solution import Solution
 from calibration.solvers import box_lm
 from calibration.solvers.outcome import Outcome
-from procmodel.errors import InputError
+from procmodel.errors import InputError, nearest
 from procmodel.precision import require_float64
 
 # Each solver: the module with its `solve`, and the class of its options.

@@ -6,7 +6,6 @@ compiled solver can be reused for every data set of the same problem.
 """
 
 import dataclasses
-import difflib
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -17,7 +16,7 @@ import numpy as np
 from jax import Array
 
 from calibration.priors import Prior
-from procmodel.errors import InputError
+from procmodel.errors import InputError, nearest
 
 TRANSFORMS = ("identity", "log", "logit")
 
@@ -88,25 +87,6 @@ class Parameter:
             math.isfinite(lower) and math.isfinite(upper) and lower < self.value < upper
         ):
             raise InputError("transform 'logit' needs finite bounds and a value between them.")
-
-
-def nearest(word: str, known: tuple[str, ...] | list[str]) -> str:
-    """Hint for a misspelt name.
-
-    Parameters
-    ----------
-    word : str
-        What was written.
-    known : sequence of str
-        What could have been meant.
-
-    Returns
-    -------
-    str
-        ``"; did you mean 'x'?"`` or ``"; known are a, b"``.
-    """
-    close = difflib.get_close_matches(word, known, n=1)
-    return f"; did you mean {close[0]!r}?" if close else f"; known are {', '.join(known)}"
 
 
 @dataclass(frozen=True)

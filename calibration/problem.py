@@ -13,8 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from calibration.parameters import Parameter, ParameterLayout, nearest
-from procmodel.errors import InputError
+from calibration.parameters import Parameter, ParameterLayout
+from procmodel.errors import InputError, nearest
 
 Model = Callable[[dict[str, Array], Any], Array]
 

@@ -10,11 +10,10 @@ import xarray
 from jax import Array
 
 from calibration.fitting import fit
-from calibration.parameters import nearest
 from calibration.problem import Problem, ProblemStructure
 from calibration.result import FitResult
 from calibration.samplers.ensemble import EnsembleDraws
-from procmodel.errors import InputError
+from procmodel.errors import InputError, nearest
 from procmodel.precision import require_float64
 
 SAMPLERS = ("auto", "emcee")

@@ -1,13 +1,16 @@
 """From a solver's last point to a `FitResult`: covariance, intervals, verdicts, warnings."""
 
+import functools
 from dataclasses import dataclass
 from functools import cached_property
 
 import jax
 import numpy as np
 import scipy.special
+from jax import Array
 
 from calibration.identify import Identifiability, analyse, trades_in_words, unseen_in_words
+from calibration.parameters import ParameterLayout
 from calibration.problem import Problem
 from calibration.result import FitResult, ParameterEstimate, correlation_of
 from calibration.solvers.outcome import Outcome
@@ -136,6 +139,13 @@ class Solution:
             residuals[name] = -self.outcome.residuals[part] * sigma
         return residuals
 
+    @cached_property
+    def _tied_gradients(self) -> dict[str, np.ndarray]:
+        """Derivative of every parameter by the internal vector, each of shape (p,)."""
+        layout, fixed = self.problem.layout, self.problem.fixed_values
+        gradients = _gradients_of_all(layout, self.outcome.vector, fixed)
+        return {name: np.asarray(gradient) for name, gradient in gradients.items()}
+
     def _gradient(self, name: str) -> np.ndarray:
         """Derivative of a parameter by the natural free ones, shape (p,)."""
         layout = self.problem.layout
@@ -146,8 +156,7 @@ class Solution:
             return np.zeros(len(layout.free))
         if isinstance(target, str):
             return self._gradient(target)
-        by_vector = jax.jacfwd(lambda v: layout.natural(v, self.problem.fixed_values)[name])
-        return np.asarray(by_vector(self.outcome.vector)) / self.slopes
+        return self._tied_gradients[name] / self.slopes
 
     def _estimate(self, name: str) -> ParameterEstimate:
         parameter = self.problem.parameters[name]
@@ -242,3 +251,8 @@ class Solution:
                 "is wrong, and the intervals are too narrow"
             )
         return tuple(warnings)
+
+
+@functools.partial(jax.jit, static_argnames="layout")
+def _gradients_of_all(layout: ParameterLayout, vector: Array, fixed: Array) -> dict[str, Array]:
+    return jax.jacfwd(layout.natural)(vector, fixed)

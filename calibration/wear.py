@@ -164,26 +164,24 @@ class CavityFit:
                 f"{high} fit about as well: give the number that was cut, above all when the gap "
                 "is fitted, which a layer more or less shifts by about one step"
             )
-        value = self.result.parameters["wear_ratio"].value
         if self.result.problem.parameters["gap"].fixed:
             assumed = self.result.parameters["gap"].value
-            wider = self._wear_ratio_with(gap=assumed + _UNEXPLAINED_GAP)
+            wider = self._refitted(gap=assumed + _UNEXPLAINED_GAP)
             notes.append(
-                f"the side gap is taken as {assumed:g} um: every um of gap beyond that changes "
-                f"wear_ratio by {100 * (wider / value - 1):+.2g} % while the misfit hardly shows it"
+                f"the side gap is taken as {assumed:g} um: 1 um more would change wear_ratio by "
+                f"{self._change(wider)} and the rms misfit from {self.result.residual_rms:.4g} to "
+                f"{wider.residual_rms:.4g} um"
             )
         radius = math.sqrt(self.cavity.electrode_area / math.pi)
         if self.cavity.section == "square" and self.cavity.corner_radius == 0:
-            rounded = self._wear_ratio_with(corner_radius=radius)
+            rounded = self._refitted(corner_radius=radius)
             notes.append(
-                "corners are taken as sharp: with a round electrode of this area, which leaves "
-                f"them rounded, wear_ratio would be {100 * (rounded / value - 1):+.2g} % different"
+                "corners are taken as sharp: if the electrode is round, it leaves them rounded and "
+                f"wear_ratio is {self._change(rounded)} off (count them with corner_radius)"
             )
         return tuple(notes)
 
-    def _wear_ratio_with(
-        self, gap: float | None = None, corner_radius: float | None = None
-    ) -> float:
+    def _refitted(self, gap: float | None = None, corner_radius: float | None = None) -> FitResult:
         parameters = dict(self.result.problem.parameters)
         if gap is not None:
             parameters["gap"] = replace(parameters["gap"], value=gap)
@@ -193,7 +191,12 @@ class CavityFit:
         data = self.result.problem.datasets["data"]
         shift = data.x["shift"]
         problem = _problem(cavity, self.position, self.depth, data.sigma, parameters, shift)
-        return fit(problem).parameters["wear_ratio"].value
+        return fit(problem)
+
+    def _change(self, other: FitResult) -> str:
+        """How far the wear ratio of another fit is from this one, in per cent."""
+        here, there = (r.parameters["wear_ratio"].value for r in (self.result, other))
+        return f"{100 * (there / here - 1):+.2g} %" if here > 0 else f"{there - here:+.2g}"
 
 
 def fit_cavity(
@@ -391,7 +394,7 @@ def _require_possible_depth(depth: np.ndarray, cavity: TestCavity, reach: str, s
     if reached > 1.02 * layers * cavity.feed:
         raise InputError(
             f"{source} is {reached:.4g} um deep, but {layers} layers of {cavity.feed:g} um feed "
-            f"cut at most {layers * cavity.feed:.4g} um: check feed, step, layers and the unit of z."
+            f"cut {layers * cavity.feed:.4g} um at most: check feed, step, layers and unit of z."
         )
 
 

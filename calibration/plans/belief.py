@@ -15,9 +15,9 @@ def believed_values(source: Any, name: str, nodes: int = NODES) -> np.ndarray:
 
     Parameters
     ----------
-    source : float, FitResult or xarray.DataTree
+    source : float, FitResult, xarray.DataTree or ndarray of shape (m,)
         A number is certain. A fit gives the quantiles of its interval's distribution, a
-        posterior those of its draws.
+        posterior or an array of equally likely draws those of its draws.
     name : str
         Name of the parameter in the fit or posterior.
     nodes : int
@@ -41,6 +41,10 @@ def believed_values(source: Any, name: str, nodes: int = NODES) -> np.ndarray:
         if name not in draws:
             raise InputError(f"the posterior has no {name!r}; it has {', '.join(draws)}.")
         return np.quantile(np.asarray(draws[name]).ravel(), levels)
+    if isinstance(source, np.ndarray) and source.ndim == 1 and source.size > 1:
+        if not np.all(np.isfinite(source)):
+            raise InputError(f"{name} has draws that are not finite: remove them.")
+        return np.quantile(source, levels)
     try:
         value = float(source)
     except (TypeError, ValueError):

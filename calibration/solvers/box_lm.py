@@ -123,6 +123,7 @@ def solve(
     """
     count = start.shape[0]
 
+    @jax.jit  # traced once for its two uses below
     def linearise(vector: Array) -> tuple[Array, Array, Array, Array]:
         jacobian, value = jax.jacfwd(_twice(residuals), has_aux=True)(vector, arguments)
         padded = jnp.concatenate([jacobian, jnp.zeros((count, count))])

@@ -13,10 +13,9 @@ import numpy as np
 import optimistix
 from jax import Array
 
-from calibration.parameters import nearest
 from calibration.solvers.box_lm import Residuals
 from calibration.solvers.outcome import Outcome, finished
-from procmodel.errors import InputError
+from procmodel.errors import InputError, nearest
 
 METHODS: dict[str, Any] = {
     "levenberg_marquardt": optimistix.LevenbergMarquardt,

@@ -35,6 +35,7 @@ from procmodel.wear.solids import (
     cone,
     pyramid,
     slice_solid,
+    split_for_finishing,
 )
 
 __all__ = [
@@ -61,6 +62,7 @@ __all__ = [
     "pyramid",
     "relative_wear",
     "slice_solid",
+    "split_for_finishing",
     "wall_depth",
     "wear_ratio_of_layer",
 ]

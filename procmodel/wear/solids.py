@@ -16,7 +16,7 @@ from jax.typing import ArrayLike
 
 from procmodel.errors import InputError
 from procmodel.numerics import safe_sqrt
-from procmodel.wear.sections import CircleSection, Section, SquareSection
+from procmodel.wear.sections import AnnulusSection, CircleSection, Section, SquareSection
 
 Level = Literal["paper", "top", "middle", "bottom"]
 
@@ -265,6 +265,50 @@ class TargetLayers(eqx.Module):
     def volume(self) -> Array:
         """Volume of the staircase [um^3]."""
         return jnp.sum(self.thickness * self.area)
+
+
+def split_for_finishing(
+    layers: TargetLayers, section: Section, thickness: float
+) -> tuple[TargetLayers, TargetLayers]:
+    """Leave a ring on the wall for a finishing stage (section 3.4 of Yu and Masuzawa).
+
+    Parameters
+    ----------
+    layers : TargetLayers
+        The finished cavity.
+    section : Section
+        Its section.
+    thickness : float [um]
+        Radial thickness left for finishing, > 0.
+
+    Returns
+    -------
+    (TargetLayers, TargetLayers)
+        Roughing, without the layers that are all ring, and finishing. Together they remove the
+        volume of `layers`.
+
+    Raises
+    ------
+    InputError
+        If the thickness is not above 0, or leaves nothing to rough.
+    """
+    widest = float(layers.half_width[0])
+    if not 0 < thickness < widest:
+        raise InputError(
+            f"finishing thickness {thickness:g} um must be above 0 and below the half width "
+            f"{widest:g} um."
+        )
+    inside = np.asarray(layers.half_width) - thickness
+    roughed = np.flatnonzero(inside > 0)
+    narrower = jnp.asarray(inside[roughed])
+    roughing = TargetLayers(
+        bottom=layers.bottom[roughed],
+        thickness=layers.thickness[roughed],
+        half_width=narrower,
+        area=section.area(narrower),
+    )
+    ring = AnnulusSection(section, thickness).area(layers.half_width)
+    return roughing, TargetLayers(layers.bottom, layers.thickness, layers.half_width, ring)
 
 
 def slice_solid(

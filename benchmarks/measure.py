@@ -1,0 +1,115 @@
+"""Timing: contestants take turns in one run, and a ratio is taken within each turn."""
+
+import gc
+import importlib.metadata
+import os
+import platform
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+LIBRARIES = ("jax", "jaxlib", "numpy", "scipy", "lmfit", "emcee", "equinox", "procmodel")
+_UNITS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"))
+
+
+def interleaved(
+    contestants: Mapping[str, Callable[[], Any]], repeats: int, least_seconds: float = 0.05
+) -> dict[str, np.ndarray]:
+    """Seconds per call of every contestant, shape (repeats,) each.
+
+    One repeat gives every contestant a block of calls, long enough for the clock; the order
+    rotates, so that a slow spell of the machine does not always hit the same one. Everything
+    has been called before the first block.
+    """
+    names = list(contestants)
+    calls = {name: _calls_of(contestants[name], least_seconds) for name in names}
+    seconds: dict[str, list[float]] = {name: [] for name in names}
+    for repeat in range(repeats):
+        shift = repeat % len(names)
+        for name in names[shift:] + names[:shift]:
+            seconds[name].append(_block(contestants[name], calls[name]))
+    return {name: np.array(values) for name, values in seconds.items()}
+
+
+def _calls_of(call: Callable[[], Any], least_seconds: float) -> int:
+    call()
+    once = _block(call, 1)
+    return max(1, round(least_seconds / once))
+
+
+def _block(call: Callable[[], Any], calls: int) -> float:
+    """Mean seconds of a number of calls, garbage collected before and not during them."""
+    gc.collect()
+    gc.disable()
+    try:
+        begin = time.perf_counter()
+        for _ in range(calls):
+            call()
+        return (time.perf_counter() - begin) / calls
+    finally:
+        gc.enable()
+
+
+def first_call(call: Callable[[], Any]) -> float:
+    """Seconds of a call with nothing compiled yet."""
+    import jax
+
+    jax.clear_caches()
+    return _block(call, 1)
+
+
+def spread(values: np.ndarray, digits: int = 3) -> str:
+    """Median and quartiles of dimensionless numbers, as text."""
+    low, middle, high = np.quantile(values, [0.25, 0.5, 0.75])
+    return f"{middle:.{digits}g} ({low:.{digits}g}–{high:.{digits}g})"
+
+
+def time_spread(seconds: np.ndarray) -> str:
+    """Median and quartiles of times in the unit that suits the median."""
+    middle = float(np.median(seconds))
+    scale, unit = next((u for u in _UNITS if middle >= u[0]), _UNITS[-1])
+    return f"{spread(seconds / scale)} {unit}"
+
+
+def peak_memory() -> float:
+    """Greatest memory that this process has held so far [MiB]."""
+    import resource
+
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    # Kilobytes on Linux, bytes on macOS.
+    return peak / (2**20 if platform.system() == "Darwin" else 2**10)
+
+
+def machine() -> list[str]:
+    """The machine in lines: processor, Python, libraries, load."""
+    load = os.getloadavg()[0]
+    versions = ", ".join(f"{name} {_version(name)}" for name in LIBRARIES)
+    return [
+        f"{_usable_cores()} cores, {_processor()}, {platform.system()} {platform.machine()}",
+        f"Python {platform.python_version()}; {versions}",
+        f"load average of the machine at the start: {load:.2f}",
+    ]
+
+
+def _usable_cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _processor() -> str:
+    try:
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                return line.split(":", 1)[1].strip()
+    except OSError:
+        pass
+    return platform.processor() or "unknown processor"
+
+
+def _version(name: str) -> str:
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return "missing"

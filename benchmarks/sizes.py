@@ -1,0 +1,53 @@
+"""How much of everything a run does."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Numbers of repeats and sizes of the problems."""
+
+    fit_repeats: int
+    batch: int
+    batch_repeats: int
+    readings: tuple[int, ...]
+    layers: tuple[int, ...]
+    growth_repeats: int
+    cavities: int
+    process_repeats: int
+    plan_layers: tuple[int, ...]
+    plan_repeats: int
+    draws: int
+    sampling_repeats: int
+
+
+FULL = Sizes(
+    fit_repeats=11,
+    batch=1000,
+    batch_repeats=5,
+    readings=(100, 1000, 10_000),
+    layers=(100, 1000),
+    growth_repeats=7,
+    cavities=1000,
+    process_repeats=9,
+    plan_layers=(125, 500),
+    plan_repeats=5,
+    draws=16_000,
+    sampling_repeats=5,
+)
+
+# For trying the parts out: the figures mean nothing.
+QUICK = Sizes(
+    fit_repeats=3,
+    batch=20,
+    batch_repeats=2,
+    readings=(100, 1000),
+    layers=(100, 200),
+    growth_repeats=2,
+    cavities=40,
+    process_repeats=2,
+    plan_layers=(25, 50),
+    plan_repeats=2,
+    draws=800,
+    sampling_repeats=2,
+)

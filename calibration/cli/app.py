@@ -1,0 +1,101 @@
+"""The root of the command: sub-commands, job files, and how errors are shown."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from typer.exceptions import TyperException
+from typer.main import get_command
+
+from calibration.cli import console, wear_fit, wear_plan, wear_predict, wear_volume_ratio
+from procmodel import __version__
+from procmodel.errors import InputError
+
+app = typer.Typer(
+    name="procmodel",
+    help="Process models for machining: fit them to measurements, plan on what was fitted.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+wear_app = typer.Typer(
+    help="Micro-EDM under electrode wear: wear ratio from a cavity, feeds for the next one.",
+    no_args_is_help=True,
+)
+app.add_typer(wear_app, name="wear")
+wear_app.command("fit")(wear_fit.fit_command)
+wear_app.command("plan")(wear_plan.plan_command)
+wear_app.command("predict")(wear_predict.predict_command)
+wear_app.command("volume-ratio")(wear_volume_ratio.volume_ratio_command)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the command and exit: 0 done, 1 not converged, 2 bad input in one sentence on stderr.
+
+    Parameters
+    ----------
+    arguments : list of str, optional
+        Instead of those of the process.
+    """
+    try:
+        code = _run(arguments)
+    except InputError as error:
+        console.say(f"procmodel: {error}")
+        code = console.BAD_INPUT
+    except typer.Abort:
+        console.say("procmodel: stopped; nothing more was written.")
+        code = 130
+    except TyperException as error:
+        console.say(f"procmodel: {_one_sentence(error.format_message())}")
+        code = console.BAD_INPUT
+    sys.exit(code)
+
+
+def _run(arguments: list[str] | None) -> int:
+    """Run one command; its exit code, errors raised."""
+    command = get_command(app)
+    return command.main(args=arguments, prog_name="procmodel", standalone_mode=False) or 0
+
+
+def _one_sentence(message: str) -> str:
+    return " ".join(message.split()).rstrip(".") + "; see --help."
+
+
+@app.command("run")
+def run_command(
+    job: Annotated[Path, typer.Argument(help='TOML file: command = "wear fit" and its options.')],
+) -> None:
+    """Run a job file: any command with its options as TOML keys."""
+    from calibration.cli.jobs import arguments_of_job
+
+    code = _run(arguments_of_job(job, get_command(app)))
+    if code:
+        raise typer.Exit(code)
+
+
+@app.command("demo")
+def demo_command(
+    folder: Annotated[Path, typer.Option("--folder", help="Where to write its files.")] = Path(
+        "demo-output"
+    ),
+) -> None:
+    """Make a test cavity, measure it, fit the wear ratio, plan a hemisphere: the whole way."""
+    from calibration.cli.demo import run_demo
+
+    run_demo(folder, _run)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        print(f"procmodel {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Version.")
+    ] = False,
+) -> None:
+    """Hold the options of the command as a whole."""

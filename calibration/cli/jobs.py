@@ -1,0 +1,83 @@
+"""Job files: a command and its options as TOML."""
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from procmodel.errors import InputError, nearest
+from procmodel.io.textfile import read_utf8
+
+
+def arguments_of_job(path: Path, root: Any) -> list[str]:
+    """The command line that a job file stands for.
+
+    The file holds ``command = "wear fit"`` and one key for each option, spelt like the option
+    with - or _; true switches a flag on, a list repeats the option. Files named in it are taken
+    from the folder of the job file.
+
+    Parameters
+    ----------
+    path : Path
+        The job file.
+    root : command object of the option parser
+        The root command, which knows every option.
+
+    Returns
+    -------
+    list of str
+        Arguments for the root command.
+
+    Raises
+    ------
+    InputError
+        If the file is not TOML or names an unknown command or option.
+    """
+    try:
+        job = tomllib.loads(read_utf8(path))
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path.name} is not valid TOML ({error}): correct that line.") from None
+    words = str(job.pop("command", "")).split()
+    command = root
+    for word in words:
+        known = getattr(command, "commands", {})
+        if word not in known:
+            raise InputError(
+                f"{path.name}: command {' '.join(words)!r} is unknown{nearest(word, list(known))}."
+            )
+        command = known[word]
+    if not words or getattr(command, "commands", None) or words[0] == "run":
+        raise InputError(f'{path.name}: write a command first, such as command = "wear fit".')
+    known = {parameter.name.replace("_", "-"): parameter for parameter in command.params}
+    known |= {o.lstrip("-"): p for p in command.params for o in p.opts if o.startswith("--")}
+    options, positional = [], []
+    for key, value in job.items():
+        name = key.replace("_", "-")
+        if name not in known:
+            raise InputError(f"{path.name}: unknown key {key!r}{nearest(name, list(known))}.")
+        parameter = known[name]
+        texts = [_as_text(path, key, item, parameter) for item in _listed(value)]
+        if parameter.param_type_name == "argument":
+            positional += texts
+        elif isinstance(value, bool):
+            options += _flag(path, key, value, parameter)
+        else:
+            options += [part for text in texts for part in (parameter.opts[0], text)]
+    return [*words, *options, "--", *positional] if positional else [*words, *options]
+
+
+def _listed(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else [value]
+
+
+def _as_text(path: Path, key: str, value: Any, parameter: Any) -> str:
+    if isinstance(value, dict):
+        raise InputError(f"{path.name}: key {key!r} is a table, but must be a single value.")
+    if "path" in parameter.type.name.lower() or "file" in parameter.type.name.lower():
+        return str(path.parent / str(value))
+    return str(value)
+
+
+def _flag(path: Path, key: str, value: bool, parameter: Any) -> list[str]:
+    if not getattr(parameter, "is_flag", False):
+        raise InputError(f"{path.name}: key {key!r} needs a value, not true or false.")
+    return [parameter.opts[0]] if value else []

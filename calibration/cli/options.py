@@ -1,0 +1,48 @@
+"""Options that several wear commands share."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+Section = Annotated[str, typer.Option("--section", help="square or circle.")]
+Feed = Annotated[float, typer.Option("--feed", help="Feed of every layer [um].")]
+Step = Annotated[
+    float, typer.Option("--step", help="How much narrower every layer is than the last [um].")
+]
+Layers = Annotated[
+    int | None, typer.Option("--layers", help="Number of layers, if fewer than fit the half width.")
+]
+ElectrodeDiameter = Annotated[
+    float | None, typer.Option("--electrode-diameter", help="Diameter of a round electrode [um].")
+]
+ElectrodeArea = Annotated[
+    float | None, typer.Option("--electrode-area", help="Cross-section of the electrode [um^2].")
+]
+Resolution = Annotated[
+    float, typer.Option("--resolution", help="Step of the machine's feed axis [um].")
+]
+AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
+Plot = Annotated[Path | None, typer.Option("--plot", help="Write a picture here (PNG, SVG, PDF).")]
+
+
+def require_feed_above(feed: float, resolution: float) -> None:
+    """Refuse a feed that the machine cannot make.
+
+    Parameters
+    ----------
+    feed, resolution : float [um]
+        Feed of a layer, and step of the feed axis.
+
+    Raises
+    ------
+    InputError
+        If the feed is below the resolution.
+    """
+    from procmodel.errors import InputError
+
+    if not feed >= resolution:
+        raise InputError(
+            f"--feed {feed:g} um is below the machine's resolution of {resolution:g} um: feed more "
+            "per layer, or state the finer --resolution of your machine."
+        )

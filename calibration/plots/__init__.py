@@ -1,0 +1,1 @@
+"""Pictures of fits and plans. Each function returns a matplotlib figure and saves nothing."""
