@@ -1,8 +1,12 @@
 """Job files: a command and its options as TOML."""
 
+import inspect
 import tomllib
+import typing
 from pathlib import Path
 from typing import Any
+
+from typer.core import TyperArgument
 
 from procmodel.errors import InputError, nearest
 from procmodel.io.textfile import read_utf8
@@ -49,14 +53,17 @@ def arguments_of_job(path: Path, root: Any) -> list[str]:
         raise InputError(f'{path.name}: write a command first, such as command = "wear fit".')
     known = {parameter.name.replace("_", "-"): parameter for parameter in command.params}
     known |= {o.lstrip("-"): p for p in command.params for o in p.opts if o.startswith("--")}
-    options, positional = [], []
+    hints = typing.get_type_hints(inspect.unwrap(command.callback), include_extras=True)
+    options: list[str] = []
+    positional: list[str] = []
     for key, value in job.items():
         name = key.replace("_", "-")
         if name not in known:
             raise InputError(f"{path.name}: unknown key {key!r}{nearest(name, list(known))}.")
         parameter = known[name]
-        texts = [_as_text(path, key, item, parameter) for item in _listed(value)]
-        if parameter.param_type_name == "argument":
+        is_path = _takes_path(hints[parameter.name])
+        texts = [_as_text(path, key, item, is_path) for item in _listed(value)]
+        if isinstance(parameter, TyperArgument):
             positional += texts
         elif isinstance(value, bool):
             options += _flag(path, key, value, parameter)
@@ -69,10 +76,15 @@ def _listed(value: Any) -> list[Any]:
     return value if isinstance(value, list) else [value]
 
 
-def _as_text(path: Path, key: str, value: Any, parameter: Any) -> str:
+def _takes_path(hint: Any) -> bool:
+    """Whether an annotation such as ``Annotated[Path | None, ...]`` is for a file."""
+    return hint is Path or any(_takes_path(part) for part in typing.get_args(hint))
+
+
+def _as_text(path: Path, key: str, value: Any, is_path: bool) -> str:
     if isinstance(value, dict):
         raise InputError(f"{path.name}: key {key!r} is a table, but must be a single value.")
-    if "path" in parameter.type.name.lower() or "file" in parameter.type.name.lower():
+    if is_path:
         return str(path.parent / str(value))
     return str(value)
 

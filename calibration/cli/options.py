@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+PICTURES = (".png", ".svg", ".pdf")
+
 Section = Annotated[str, typer.Option("--section", help="square or circle.")]
 Feed = Annotated[float, typer.Option("--feed", help="Feed of every layer [um].")]
 Step = Annotated[
@@ -24,6 +26,32 @@ Resolution = Annotated[
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
 Plot = Annotated[Path | None, typer.Option("--plot", help="Write a picture here (PNG, SVG, PDF).")]
+
+
+def check_outputs(*files: Path | None, plot: Path | None = None) -> None:
+    """Refuse outputs that cannot be written before any work is done.
+
+    Parameters
+    ----------
+    *files : Path, optional
+        Files to write.
+    plot : Path, optional
+        Picture to write.
+
+    Raises
+    ------
+    InputError
+        If one of them cannot be written, two are the same, or the picture has no known ending.
+    """
+    from procmodel.errors import InputError
+    from procmodel.io import check_target
+
+    if plot is not None and plot.suffix.lower() not in PICTURES:
+        raise InputError(f"{plot.name}: a picture ends in {', '.join(PICTURES)}: rename it.")
+    targets = [check_target(file) for file in (*files, plot) if file is not None]
+    for i, target in enumerate(targets):
+        if target in targets[:i]:
+            raise InputError(f"{target.name} is named for two outputs: give each its own file.")
 
 
 def require_feed_above(feed: float, resolution: float) -> None:

@@ -1,5 +1,6 @@
 """`procmodel wear fit`: the wear ratio from the profile of a test cavity."""
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -80,6 +81,9 @@ def fit_command(
     ):
         if value not in known:
             raise InputError(f"{name} is {value!r}, but must be one of {', '.join(known)}.")
+    if not 0 <= gap < math.inf:
+        raise InputError(f"--gap is {gap:g}, but must be 0 or more.")
+    options.check_outputs(out, posterior, plot=plot)
     measured = read_profile(profile)
     if noise is not None and measured.sigma is not None:
         raise InputError(f"{profile.name} has a sigma column and --noise is given: drop one.")
@@ -91,7 +95,7 @@ def fit_command(
     prepare_jax()
     from calibration.wear import TestCavity, fit_cavity
 
-    corner_radius = (area / 3.141592653589793) ** 0.5 if round_corners else 0.0
+    corner_radius = math.sqrt(area / math.pi) if round_corners else 0.0
     cavity = TestCavity(section, half_width, step, feed, area, layers, corner_radius)  # type: ignore[arg-type]
     found = fit_cavity(
         measured.x,

@@ -130,6 +130,8 @@ def plan_command(
     if gcode is not None and (shape == "table" or finish_thickness is not None):
         raise InputError("--gcode is written for one stage of a pyramid, cone or hemisphere only.")
 
+    options.check_outputs(out, gcode, plot=plot)
+
     from calibration.cli.runtime import prepare_jax
 
     prepare_jax()

@@ -52,6 +52,7 @@ def predict_command(
         raise InputError(f"--gap is {gap:g}, but must be 0 or more.")
     if section not in ("square", "circle"):
         raise InputError(f"--section is {section!r}, but must be square or circle.")
+    options.check_outputs(out, plot=plot)
     if points < 2:
         raise InputError(f"--points is {points}, but a curve needs 2 or more.")
     if schedule is not None:

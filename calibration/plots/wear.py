@@ -12,13 +12,11 @@ from matplotlib.figure import Figure
 
 from calibration.plans.schedule import Schedule
 from calibration.wear import CavityFit
-from procmodel.errors import InputError
 from procmodel.io import writing
 from procmodel.wear import LayeredCavity
 
 # Okabe and Ito's colours, told apart by everyone.
 BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#7A7A7A"
-FORMATS = (".png", ".svg", ".pdf")
 
 
 def save(figure: Figure, path: Path) -> None:
@@ -34,10 +32,8 @@ def save(figure: Figure, path: Path) -> None:
     Raises
     ------
     InputError
-        If the ending is none of .png, .svg, .pdf, or the folder cannot be written to.
+        If the file cannot be written.
     """
-    if path.suffix.lower() not in FORMATS:
-        raise InputError(f"{path.name}: a picture ends in {', '.join(FORMATS)}: rename it.")
     with writing(path) as temporary:
         figure.savefig(temporary, dpi=150)
 

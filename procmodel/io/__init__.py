@@ -5,7 +5,7 @@ file is said in one sentence that names the file, the row and the remedy, as an 
 """
 
 from procmodel.errors import InputError
-from procmodel.io.atomic import write_bytes, write_text, writing
+from procmodel.io.atomic import check_target, write_bytes, write_text, writing
 from procmodel.io.gcode import ProgramLayer, Scanning, program_text, write_program
 from procmodel.io.gcode_template import GcodeTemplate, read_template
 from procmodel.io.profiles import (
@@ -30,6 +30,7 @@ __all__ = [
     "ProgramLayer",
     "Scanning",
     "Table",
+    "check_target",
     "conversion_factor",
     "format_table",
     "program_text",

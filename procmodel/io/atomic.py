@@ -37,7 +37,7 @@ def writing(path: str | os.PathLike[str]) -> Iterator[Path]:
     >>> with writing("figure.png") as draft:  # doctest: +SKIP
     ...     figure.savefig(draft)
     """
-    target = _checked_target(Path(path))
+    target = check_target(Path(path))
     draft = _create_beside(target)
     try:
         yield draft
@@ -61,8 +61,25 @@ def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
         draft.write_bytes(content)
 
 
-def _checked_target(path: Path) -> Path:
-    """Place of the file itself, behind any links, after checking that a file may stand there."""
+def check_target(path: str | os.PathLike[str]) -> Path:
+    """Check that a file may be written to `path`, before the work that it is to hold.
+
+    Parameters
+    ----------
+    path : path-like
+        Where the file is to stand.
+
+    Returns
+    -------
+    Path
+        The place of the file itself, behind any links.
+
+    Raises
+    ------
+    InputError
+        If a folder, device or write-protected file stands there, or the folder is missing.
+    """
+    path = Path(path)
     # A link keeps pointing where it did: its target is what gets replaced.
     target = path.resolve() if path.is_symlink() else path
     if target.is_dir():
