@@ -2,6 +2,7 @@
 
 import functools
 import importlib.metadata
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -31,6 +32,7 @@ def sample(
     ensembles: int = 4,
     walkers: int | None = None,
     start: FitResult | None = None,
+    progress: Callable[[str], object] | None = None,
 ) -> xarray.DataTree:
     """Draw from the posterior of the free parameters.
 
@@ -52,6 +54,8 @@ def sample(
         Walkers of an ensemble, at least twice the number of free parameters.
     start : FitResult, optional
         Fit to start around; made when left out.
+    progress : callable, optional
+        Called with a sentence after every ensemble.
 
     Returns
     -------
@@ -89,16 +93,13 @@ def sample(
         return np.asarray(_log_densities(problem.structure, vectors, arguments))
 
     rng = np.random.default_rng(seed)
-    runs = [
-        emcee_ensemble.run(
-            log_density,
-            _laplace_start(problem, start, walkers, rng),
-            steps=steps,
-            warmup=max(1, steps // 2),
-            rng=rng,
-        )
-        for _ in range(ensembles)
-    ]
+    runs = []
+    for number in range(1, ensembles + 1):
+        positions = _laplace_start(problem, start, walkers, rng)
+        warmup = max(1, steps // 2)
+        runs.append(emcee_ensemble.run(log_density, positions, steps=steps, warmup=warmup, rng=rng))
+        if progress is not None:
+            progress(f"ensemble {number} of {ensembles}: {steps} steps of {walkers} walkers done")
     return _as_tree(problem, runs, rng, seed)
 
 

@@ -143,8 +143,9 @@ def _sample_to(found: "CavityFit", path: Path, draws: int, seed: int) -> tuple[d
     from calibration.sampling import sample
     from procmodel.io import writing
 
-    console.say(f"sampling four ensembles of {draws} draws ...")
-    tree = sample(found.result.problem, seed=seed, draws=draws, start=found.result)
+    tree = sample(
+        found.result.problem, seed=seed, draws=draws, start=found.result, progress=console.say
+    )
     with writing(path) as temporary:
         tree.to_netcdf(temporary, engine="h5netcdf")
     draws_of = tree["posterior"].dataset["wear_ratio"]
