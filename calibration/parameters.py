@@ -99,23 +99,29 @@ class ParameterLayout:
         All parameters, in the order given.
     free : tuple of str
         Those solved for, in the order of the vector.
-    transforms, bounds : tuple
+    transforms : tuple of str
         Of the free ones.
+    ranges : tuple of (float, float) or None
+        Bounds of those with a logit transform, which are part of the transform.
     priors : tuple of (str, Prior)
         Priors of free and tied parameters.
     fixed : tuple of str
         Those that keep their value.
     tied : tuple of (str, str or callable)
         Those that follow others.
+    bounds : tuple of (float, float)
+        Of the free ones, cut to where their priors are not zero.
     """
 
     names: tuple[str, ...]
     free: tuple[str, ...]
     transforms: tuple[str, ...]
-    bounds: tuple[tuple[float, float], ...]
+    ranges: tuple[tuple[float, float] | None, ...]
     priors: tuple[tuple[str, Prior], ...]
     fixed: tuple[str, ...]
-    tied: tuple[tuple[str, str | Callable], ...] = field(default=())
+    tied: tuple[tuple[str, str | Callable], ...] = ()
+    # Not compared: bounds that follow from the data must not make a solver compile again.
+    bounds: tuple[tuple[float, float], ...] = field(default=(), compare=False)
 
     @classmethod
     def of(cls, parameters: Mapping[str, Parameter]) -> "ParameterLayout":
@@ -161,10 +167,13 @@ class ParameterLayout:
             names=names,
             free=free,
             transforms=tuple(parameters[n].transform for n in free),
-            bounds=tuple(_supported_bounds(n, parameters[n]) for n in free),
+            ranges=tuple(
+                parameters[n].bounds if parameters[n].transform == "logit" else None for n in free
+            ),
             priors=tuple(priors),
             fixed=tuple(n for n, p in parameters.items() if p.tied is None and p.fixed),
             tied=tied,
+            bounds=tuple(_supported_bounds(n, parameters[n]) for n in free),
         )
 
     def natural(self, vector: Array | np.ndarray, fixed: Array | np.ndarray) -> dict[str, Array]:
@@ -183,7 +192,7 @@ class ParameterLayout:
             Natural values, in the order of `names`.
         """
         values = {
-            name: _to_natural(vector[i], self.transforms[i], self.bounds[i])
+            name: _to_natural(vector[i], self.transforms[i], self.ranges[i])
             for i, name in enumerate(self.free)
         }
         values |= {name: fixed[i] for i, name in enumerate(self.fixed)}
@@ -194,16 +203,17 @@ class ParameterLayout:
 
     def in_natural_coordinates(self) -> "ParameterLayout":
         """The same layout with natural values as internal coordinates."""
-        return dataclasses.replace(self, transforms=("identity",) * len(self.free))
+        count = len(self.free)
+        return dataclasses.replace(self, transforms=("identity",) * count, ranges=(None,) * count)
 
     def internal(self, values: np.ndarray) -> np.ndarray:
         """Internal coordinates of natural values of the free parameters, shape (p,)."""
-        pairs = zip(values, self.transforms, self.bounds, strict=True)
+        pairs = zip(values, self.transforms, self.ranges, strict=True)
         return np.array([_to_internal(v, t, b) for v, t, b in pairs])
 
     def free_values(self, vector: np.ndarray) -> np.ndarray:
         """Natural values of the free parameters from internal ones, shape (p,)."""
-        pairs = zip(vector, self.transforms, self.bounds, strict=True)
+        pairs = zip(vector, self.transforms, self.ranges, strict=True)
         return np.array([float(_to_natural(v, t, b, np)) for v, t, b in pairs])
 
     def around(self, vector: np.ndarray, name: str, offsets: np.ndarray) -> np.ndarray:
@@ -225,20 +235,23 @@ class ParameterLayout:
         """
         index = self.free.index(name)
         internal = vector[index] + offsets / self.slopes(vector)[index]
-        return _to_natural(internal, self.transforms[index], self.bounds[index], np)
+        return _to_natural(internal, self.transforms[index], self.ranges[index], np)
 
     def slopes(self, vector: np.ndarray) -> np.ndarray:
         """Derivative of natural by internal coordinate, shape (p,)."""
         slopes = np.ones(len(self.free))
-        for i, (transform, (lower, upper)) in enumerate(
-            zip(self.transforms, self.bounds, strict=True)
-        ):
+        for i, (transform, between) in enumerate(zip(self.transforms, self.ranges, strict=True)):
             if transform == "log":
                 slopes[i] = math.exp(vector[i])
-            elif transform == "logit":
+            elif between is not None:
                 share = 1.0 / (1.0 + math.exp(-vector[i]))
-                slopes[i] = (upper - lower) * share * (1.0 - share)
+                slopes[i] = (between[1] - between[0]) * share * (1.0 - share)
         return slopes
+
+    def natural_bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds of the free parameters' natural values: lower and upper, each of shape (p,)."""
+        lower, upper = np.array(self.bounds, float).T
+        return lower, upper
 
     def internal_bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Bounds of the solver's vector: lower and upper, each of shape (p,)."""
@@ -270,18 +283,20 @@ def _supported_bounds(name: str, parameter: Parameter) -> tuple[float, float]:
     return lower, upper
 
 
-def _to_natural(value: Any, transform: str, bounds: tuple[float, float], xp: Any = jnp) -> Any:
+def _to_natural(
+    value: Any, transform: str, between: tuple[float, float] | None, xp: Any = jnp
+) -> Any:
     if transform == "log":
         return xp.exp(value)
-    if transform == "logit":
-        return bounds[0] + (bounds[1] - bounds[0]) / (1.0 + xp.exp(-value))
+    if between is not None:
+        return between[0] + (between[1] - between[0]) / (1.0 + xp.exp(-value))
     return value
 
 
-def _to_internal(value: float, transform: str, bounds: tuple[float, float]) -> float:
+def _to_internal(value: float, transform: str, between: tuple[float, float] | None) -> float:
     if transform == "log":
         return math.log(value)
-    if transform == "logit":
-        share = (value - bounds[0]) / (bounds[1] - bounds[0])
+    if between is not None:
+        share = (value - between[0]) / (between[1] - between[0])
         return math.log(share) - math.log1p(-share)
     return value

@@ -133,12 +133,11 @@ class ProblemStructure:
     def log_density(self, vector: Array, arguments: tuple) -> Array:
         """Log posterior density per unit of the natural parameters, up to a constant.
 
-        `vector` holds *natural* values of the free parameters. A data set without sigma has its
-        noise level integrated out under Jeffreys' prior 1/sigma.
+        `vector` holds *natural* values of the free parameters; `arguments` is (fixed, data, lower,
+        upper), the last two the bounds. A data set without sigma has its noise level integrated
+        out under Jeffreys' prior 1/sigma.
         """
-        fixed, data = arguments
-        lower = jnp.asarray([b[0] for b in self.layout.bounds])
-        upper = jnp.asarray([b[1] for b in self.layout.bounds])
+        fixed, data, lower, upper = arguments
         inside = jnp.all((vector >= lower) & (vector <= upper))
         structure = self.in_natural_coordinates()
         total = jnp.zeros(())

@@ -87,7 +87,8 @@ def sample(
     start = start or fit(problem)
     _require_proper(problem, start)
     steps = -(-draws // walkers)
-    arguments = jax.device_put((problem.fixed_values, problem.data()))
+    lower, upper = problem.layout.natural_bounds()
+    arguments = jax.device_put((problem.fixed_values, problem.data(), lower, upper))
 
     def log_density(vectors: np.ndarray) -> np.ndarray:
         return np.asarray(_log_densities(problem.structure, vectors, arguments))
@@ -152,7 +153,7 @@ def _laplace_start(
         spread[:, known] = rng.multivariate_normal(
             np.zeros(len(block)), 1.5 * block, size=walkers, method="eigh"
         )
-    lower, upper = (np.array(side) for side in zip(*problem.layout.bounds, strict=True))
+    lower, upper = problem.layout.natural_bounds()
     for j in np.flatnonzero(~known):
         interval = start.parameters[names[j]].interval95
         width = (

@@ -260,13 +260,16 @@ def optimised_schedule(
     feeds = np.asarray(feeds)
     converged = int(status_code) in box_lm.CONVERGED
     held = [i + 1 for i, f in enumerate(feeds) if f >= most * (1 - 1e-9)]
-    warnings = [] if converged else [f"the plan {box_lm.STATUS[int(status_code)]}"]
+    end = (
+        "no feed inside the bounds lowers the cost" if converged else "the optimum was not reached"
+    )
+    warnings = [] if converged else [f"{end}: the solver is {box_lm.STATUS[int(status_code)]}"]
     if held:
         warnings.append(
             f"the greatest feed of {most:g} um holds back {len(held)} layers (the first is "
             f"{held[0]}): thinner layers would follow the wall better"
         )
-    status = f"feeds of {len(feeds)} layers optimised; {box_lm.STATUS[int(status_code)]}"
+    status = f"feeds of {len(feeds)} layers optimised: {end}"
     return _evaluated(layers, feeds, believed, electrode_area, machine, status, tuple(warnings))
 
 
@@ -369,8 +372,8 @@ def _evaluated(
     middle = len(believed) // 2
     wear = all_wear[middle]
     spread = _half_range(all_depths)
-    limit = float(np.quantile(np.sum(all_wear, axis=1), 0.5 + COVERED / 2))
-    left, changes = _electrodes(wear, _upper(all_wear), machine.usable_length)
+    limit = float(_quantile(np.sum(all_wear, axis=1), 0.5 + COVERED / 2))
+    left, changes = _electrodes(wear, _quantile(all_wear, 0.5 + COVERED / 2), machine.usable_length)
     tolerance = machine.tolerance or 0.5 * float(np.max(layers.thickness))
     touches = _touch_offs(all_depths, tolerance)
     time = None
@@ -397,12 +400,12 @@ def _evaluated(
 
 def _half_range(values: np.ndarray) -> np.ndarray:
     """Half the width of the 95 % range over equally likely cases (the first axis)."""
-    low, high = np.quantile(values, [0.5 - COVERED / 2, 0.5 + COVERED / 2], axis=0)
-    return 0.5 * (high - low)
+    return 0.5 * (_quantile(values, 0.5 + COVERED / 2) - _quantile(values, 0.5 - COVERED / 2))
 
 
-def _upper(values: np.ndarray) -> np.ndarray:
-    return np.quantile(values, 0.5 + COVERED / 2, axis=0)
+def _quantile(values: np.ndarray, level: float) -> np.ndarray:
+    """Quantile over equally likely cases, each standing for its share (Hazen's positions)."""
+    return np.quantile(values, level, axis=0, method="hazen")
 
 
 def _electrodes(

@@ -16,6 +16,7 @@ from experiments.yu_1997_cavities.cavities import (
     FinishedCavity,
     told_feeds,
 )
+from experiments.yu_1997_cavities.conditions import Conditions
 from experiments.yu_1997_cavities.loop import PlannedCut
 from experiments.yu_1997_cavities.run import Results
 from procmodel.io import writing
@@ -124,11 +125,12 @@ def _compensated_wall(axes: Axes, cavity: CompensatedCavity) -> None:
         x, z = _both_sides(*staircase(half_widths, depths))
         axes.plot(x, z, color=colour, lw=width, alpha=alpha, label=label)
     _cross_section_axes(axes, "across [µm]")
+    axes.set(xlim=(-165, 165), ylim=(185, -12))
     axes.set_title(
         f"Fig. {cavity.wanted.figure}: {cavity.wanted.name}\n"
-        f"greatest wall error {cavity.max_error(cavity.planned):.2f} µm, "
-        f"not {cavity.max_error(cavity.plain):.0f} or {cavity.max_error(cavity.even):.0f} µm",
-        fontsize=10.5,
+        f"wall error {cavity.max_error(cavity.planned):.2f} µm; constant feed "
+        f"{cavity.max_error(cavity.plain):.0f} or {cavity.max_error(cavity.even):.0f} µm",
+        fontsize=10,
     )
 
 
@@ -147,12 +149,18 @@ def finished(results: Results) -> Figure:
     figure = Figure(figsize=(11, 6.6), **_STYLE)
     rows = figure.subplots(2, 2, height_ratios=(1.35, 1))
     for column, cavity in enumerate(results.finished):
-        _finished_wall(rows[0, column], cavity, ("21", "22")[column])
-        _electrode_used(rows[1, column], cavity)
+        _finished_wall(rows[0, column], cavity)
+        rows[0, column].set_title(
+            f"Fig. {('21', '22')[column]}: {cavity.wanted.name}, "
+            f"ring of {results.conditions.ring:g} µm off the wall\n"
+            f"greatest wall error after finishing {cavity.max_error:.2f} µm",
+            fontsize=10.5,
+        )
+        _electrode_used(rows[1, column], cavity, results.conditions)
     return figure
 
 
-def _finished_wall(axes: Axes, cavity: FinishedCavity, paper_figure: str) -> None:
+def _finished_wall(axes: Axes, cavity: FinishedCavity) -> None:
     rough, finish = cavity.staged.roughing, cavity.staged.finishing
     outer = np.asarray(finish.half_widths)
     deep = np.asarray(finish.depths)
@@ -167,18 +175,21 @@ def _finished_wall(axes: Axes, cavity: FinishedCavity, paper_figure: str) -> Non
     axes.plot(rough_x, rough_z, "--", color=PLAIN, lw=1.8, label="after roughing")
     axes.plot(ring_x, ring_z, color=FINISHED, lw=1.8, label="after finishing")
     _cross_section_axes(axes, "across [µm]")
-    axes.legend(loc="lower left", frameon=False, fontsize=8.5)
-    axes.set_title(
-        f"Fig. {paper_figure}: {cavity.wanted.name}, ring of 25 µm off the wall\n"
-        f"greatest wall error after finishing {cavity.max_error:.2f} µm",
-        fontsize=10.5,
-    )
+    axes.set(xlim=(-165, 165), ylim=(160, -10))
+    axes.legend(loc="upper center", frameon=False, fontsize=9, bbox_to_anchor=(0.5, 0.9))
 
 
-def _electrode_used(axes: Axes, cavity: FinishedCavity) -> None:
+def _electrode_used(axes: Axes, cavity: FinishedCavity, conditions: Conditions) -> None:
+    rough, finish = conditions.roughing, conditions.finishing
+    size = f"{rough.size:g} × {rough.size:g} µm"
     stages = (
-        (cavity.staged.roughing, PLAIN, "roughing, 50 × 50 µm, R = 0.17", "--"),
-        (cavity.staged.finishing, FINISHED, "finishing, Ø 40 µm, R = 0.26", "-"),
+        (cavity.staged.roughing, PLAIN, f"roughing, {size}, R = {rough.wear_ratio:g}", "--"),
+        (
+            cavity.staged.finishing,
+            FINISHED,
+            f"finishing, Ø {finish.size:g} µm, R = {finish.wear_ratio:g}",
+            "-",
+        ),
     )
     for stage, colour, label, dashes in stages:
         used = np.cumsum(np.asarray(stage.electrode_wear))
@@ -201,11 +212,15 @@ def _electrode_used(axes: Axes, cavity: FinishedCavity) -> None:
 
 def closed_loop(results: Results) -> Figure:
     """Readings and fit, the feeds planned on the fit, and the wall error they leave."""
-    figure = Figure(figsize=(13, 4.3), **_STYLE)
-    measured, feeds, error = figure.subplots(1, 3, width_ratios=(1.5, 1, 1.15))
-    _readings_and_fit(measured, results, legend=False)
-    measured.set_title("1  measure the test cavity, fit R\n" + _fitted_ratio(results))
-    measured.legend(loc="lower center", frameon=False, fontsize=8.5)
+    figure = Figure(figsize=(13, 4.6), **_STYLE)
+    grid = figure.add_gridspec(2, 3, width_ratios=(1.55, 1, 1.1), height_ratios=(1.5, 1))
+    profile, residual = figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[1, 0])
+    feeds, error = figure.add_subplot(grid[:, 1]), figure.add_subplot(grid[:, 2])
+    _readings_and_fit(profile, results)
+    profile.set(xlim=(-190, 190), ylim=(148, -12), xlabel=None)
+    profile.legend(loc="lower center", ncols=3, frameon=False, fontsize=8.5, columnspacing=1.2)
+    profile.set_title("1  measure the test cavity, fit R\n" + _fitted_ratio(results))
+    _residuals(residual, results)
     cut = results.loop[0]
     number = np.arange(1, len(cut.depths) + 1)
     feeds.step(number, told_feeds(cut.schedule), color=PLANNED, lw=1.2, where="mid")
@@ -221,6 +236,15 @@ def closed_loop(results: Results) -> Figure:
     return figure
 
 
+def _residuals(axes: Axes, results: Results) -> None:
+    fit = results.fit
+    centre = fit.result.parameters["centre"].value
+    axes.axhline(0.0, color=PLAIN, lw=1.5)
+    axes.plot(fit.position - centre, fit.result.residuals["data"], "o", ms=3, color=READINGS)
+    axes.set(xlabel="across [µm]", ylabel="reading\nless fit [µm]", xlim=(-190, 190))
+    axes.grid(alpha=0.25)
+
+
 def _wall_error(axes: Axes, cut: PlannedCut) -> None:
     depth = np.asarray(cut.schedule.layers.bottom)
     expected, spread = cut.schedule.wall_error, cut.schedule.depth_spread
@@ -231,72 +255,78 @@ def _wall_error(axes: Axes, cut: PlannedCut) -> None:
         color=PLANNED,
         alpha=0.2,
         lw=0,
-        label="95 % band, from the fit",
+        label="95 % band",
     )
     axes.plot(expected, depth, color=PLANNED, lw=1, label="expected")
     axes.plot(cut.wall_error, depth, color=PLAIN, lw=1.8, label="cut")
-    limit = 1.7 * float(np.max(spread))
+    limit = 1.9 * float(np.max(spread))
     axes.set(xlabel="wall error, positive is too deep [µm]", ylabel="depth [µm]")
     axes.set_xlim(-limit, limit)
     axes.set_ylim(depth[-1], 0)
     axes.grid(alpha=0.25)
-    axes.legend(loc="upper right", frameon=False, fontsize=9)
+    axes.legend(loc="upper left", frameon=False, fontsize=8.5)
 
 
 def overview(results: Results) -> Figure:
     """Left the uncompensated wall with its fit, right the hemisphere planned on that fit."""
-    figure = Figure(figsize=(10.4, 4.5), dpi=125, layout="constrained")
+    figure = Figure(figsize=(10.4, 3.5), dpi=125, layout="constrained")
     left, right = figure.subplots(1, 2)
-    _readings_and_fit(left, results, legend=True)
-    left.set_title(f"Constant feed curves the wall\nfit: {_fitted_ratio(results)}", fontsize=12)
+    _readings_and_fit(left, results, filled=True)
+    truth = results.conditions.roughing.wear_ratio
+    left.set_title(
+        f"Constant feed curves the wall: fit it\n{_fitted_ratio(results)} (true {truth:g})",
+        fontsize=11.5,
+    )
+    left.legend(loc="lower left", frameon=False, fontsize=9.5)
     cut = results.loop[1]
     half_widths = np.asarray(cut.schedule.layers.half_width)
     for depths, colour, width, label, dashes, alpha in (
-        (np.asarray(cut.schedule.layers.bottom), WANTED, 6, "wanted", "-", 0.25),
-        (cut.plain, PLAIN, 2, "constant feed", "--", 1),
-        (cut.depths, PLANNED, 2, "planned feeds", "-", 1),
+        (np.asarray(cut.schedule.layers.bottom), WANTED, 6, "wanted hemisphere", "-", 0.25),
+        (cut.plain, PLAIN, 2, "cut with constant feed", "--", 1),
+        (cut.depths, PLANNED, 2, "cut with planned feeds", "-", 1),
     ):
         x, z = _both_sides(*staircase(half_widths, depths))
         if colour == PLANNED:
-            _workpiece(right, x, z, 190.0)
+            _workpiece(right, x, z)
         right.plot(x, z, dashes, color=colour, lw=width, alpha=alpha, label=label)
     _cross_section_axes(right, "across [µm]")
     right.set_title(
-        "Feeds planned on that fit make the hemisphere\n"
-        f"wall error at most {cut.max_wall_error:.1f} µm, not {cut.max_plain_error:.0f} µm",
-        fontsize=12,
+        "Feeds planned on that fit: the wall is right\n"
+        f"error at most {cut.max_wall_error:.1f} µm, not {cut.max_plain_error:.0f} µm",
+        fontsize=11.5,
     )
+    right.legend(loc="center", frameon=False, fontsize=9.5, bbox_to_anchor=(0.5, 0.47))
     for axes in (left, right):
         axes.set(xlim=(-190, 190), ylim=(170, -12))
-    handles = left.get_legend_handles_labels(), right.get_legend_handles_labels()
-    left.legend(*handles[0], loc="lower left", frameon=False, fontsize=10)
-    right.legend(*handles[1], loc="lower left", frameon=False, fontsize=10)
     return figure
 
 
-def _readings_and_fit(axes: Axes, results: Results, legend: bool) -> None:
+def _readings_and_fit(axes: Axes, results: Results, filled: bool = False) -> None:
     """The simulated profile, moved to the centre and surface found by the fit."""
-    fit = results.fit
+    fit, wall = results.fit, results.paper_wall
     values = {name: p.value for name, p in fit.result.parameters.items()}
-    across = fit.position - values["centre"]
-    tilt = values["zero"] + values["tilt"] * across
-    wall = results.paper_wall
-    x, z = _both_sides(*staircase(wall.half_widths, wall.intended(wall.half_widths - wall.step)))
-    fine = np.linspace(fit.position[0], fit.position[-1], 1200)
-    level = values["zero"] + values["tilt"] * (fine - values["centre"])
-    fitted = fit.predict(fine) - level
-    if legend:
-        _workpiece(axes, fine - values["centre"], fitted, 190.0)
-    axes.plot(x, z, "--", color=WANTED, lw=1.5, label="intended wall")
+    centre = values["centre"]
+    fine = np.linspace(fit.position[0] - 5.0, fit.position[-1] + 5.0, 1500)
+
+    def surface(position: np.ndarray) -> np.ndarray:
+        return values["zero"] + values["tilt"] * (position - centre)
+
+    fitted = fit.predict(fine) - surface(fine)
+    if filled:
+        _workpiece(axes, fine - centre, fitted)
+    edges = np.array([wall.half_widths[0], wall.innermost])
+    across, depth = _both_sides(edges, wall.intended(edges))
+    noise = results.conditions.instrument.noise
+    axes.plot(across, depth, "--", color=WANTED, lw=1.5, label="intended wall")
     axes.plot(
-        across,
-        fit.depth - tilt,
+        fit.position - centre,
+        fit.depth - surface(fit.position),
         "o",
-        ms=3.2,
+        ms=4,
         color=READINGS,
-        label="readings (simulated), ±0.5 µm",
+        label=f"simulated readings, noise {noise:g} µm",
     )
-    axes.plot(fine - values["centre"], fitted, color=PLAIN, lw=2, label="fitted wall")
+    axes.plot(fine - centre, fitted, color=PLAIN, lw=2, label="fitted wall")
     _cross_section_axes(axes, "across [µm]")
 
 
@@ -317,9 +347,9 @@ def _both_sides(x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([-x, x[::-1]]), np.concatenate([z, z[::-1]])
 
 
-def _workpiece(axes: Axes, x: np.ndarray, z: np.ndarray, reach: float) -> None:
+def _workpiece(axes: Axes, x: np.ndarray, z: np.ndarray) -> None:
     """Fill what is left of the workpiece under a wall."""
-    across = np.concatenate([[-reach], x, [reach]])
+    across = np.concatenate([[-400.0], x, [400.0]])
     depth = np.concatenate([[0.0], z, [0.0]])
     axes.fill_between(across, depth, 400.0, color=WORKPIECE, lw=0, zorder=0)
 

@@ -107,3 +107,20 @@ def coverage(wanted: Wanted, conditions: Conditions, repeats: int) -> float:
         for seed in range(repeats)
     ]
     return float(np.mean(inside))
+
+
+def staircase_bias(conditions: Conditions) -> float:
+    """Relative error of R when the instrument sees sharp steps instead of the corner curve.
+
+    The fitted curve runs through the outer bottom corners of the layers; a wall of ideal steps
+    lies half a layer above it on average. Worn electrode edges leave something in between.
+    """
+    wall = paper_wall(conditions).cavity
+    reach, spacing = conditions.instrument.reach, 0.5
+    # Half a spacing off, so that no reading falls on the very edge of a step.
+    position = np.arange(-reach + 0.5 * spacing, reach, spacing)
+    walls = np.asarray(wall.wall_positions)
+    layers_here = np.searchsorted(-walls, -np.abs(position), side="right")
+    depth = np.concatenate([[0.0], np.asarray(wall.depths)])[layers_here]
+    fit = fit_cavity(position, depth, test_cavity(conditions))
+    return fit.result.parameters["wear_ratio"].value / conditions.roughing.wear_ratio - 1.0

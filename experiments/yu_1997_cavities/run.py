@@ -21,6 +21,7 @@ from experiments.yu_1997_cavities.cavities import (
     FinishedCavity,
 )
 from experiments.yu_1997_cavities.conditions import (
+    ASSUMED,
     Conditions,
     cone_frustum,
     hemisphere,
@@ -44,10 +45,11 @@ class Results:
     finished: tuple[FinishedCavity, ...]
     fit: CavityFit
     loop: tuple[PlannedCut, ...]
+    staircase_bias: float
     coverage: float | None
 
 
-def compute(conditions: Conditions = Conditions(), repeats: int = 0) -> Results:
+def compute(conditions: Conditions = ASSUMED, repeats: int = 0) -> Results:
     """Compute everything; the loop is repeated for its coverage as often as asked."""
     roughing, finishing = conditions.roughing, conditions.finishing
     frustum, cone = pyramid_frustum(conditions), cone_frustum(conditions)
@@ -69,6 +71,7 @@ def compute(conditions: Conditions = Conditions(), repeats: int = 0) -> Results:
             loop.planned_cut(wanted, fit, roughing, conditions)
             for wanted in (frustum, roughed_sphere)
         ),
+        staircase_bias=loop.staircase_bias(conditions),
         coverage=loop.coverage(frustum, conditions, repeats) if repeats else None,
     )
 
@@ -105,6 +108,7 @@ def key_numbers(results: Results) -> dict[str, float | list[float]]:
             f"loop: {cut.wanted.name}, error": cut.max_wall_error,
             f"loop: {cut.wanted.name}, share of band": cut.share_of_band,
         }
+    numbers["loop: bias of R by sharp steps"] = results.staircase_bias
     if results.coverage is not None:
         numbers["loop: share inside band"] = results.coverage
     return numbers

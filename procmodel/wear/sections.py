@@ -82,8 +82,8 @@ class AnnulusSection(Section):
     ----------
     outer : Section
         The section after finishing.
-    thickness : float [um]
-        Radial thickness removed. The uniform wear method wants more than half the
+    thickness : array_like [um]
+        Radial thickness removed, one for all layers or one for each. The uniform wear method wants more than half the
         electrode's size, so that the bottom does the cutting (paper, section 3.4).
     """
 
