@@ -3,6 +3,7 @@
 import functools
 import importlib.metadata
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import jax
@@ -13,11 +14,12 @@ from jax import Array
 from calibration.fitting import fit
 from calibration.problem import Problem, ProblemStructure
 from calibration.result import FitResult
+from calibration.samplers import stretch
 from calibration.samplers.ensemble import EnsembleDraws
 from procmodel.errors import InputError, nearest
 from procmodel.precision import require_float64
 
-SAMPLERS = ("auto", "emcee")
+SAMPLERS = ("auto", "stretch", "emcee")
 # An estimate of the autocorrelation time is only as good as the chain is long (emcee's rule).
 LENGTHS_WANTED = 50
 RHAT_ALLOWED = 1.01
@@ -45,8 +47,9 @@ def sample(
         Same seed, same draws.
     draws : int
         Draws kept in each ensemble, rounded up to whole steps of all its walkers.
-    sampler : {"auto", "emcee"}
-        "auto" takes emcee.
+    sampler : {"auto", "stretch", "emcee"}
+        "stretch" is our compiled ensemble of the stretch move, "emcee" the same move by emcee, and
+        "auto" takes "stretch".
     ensembles : int
         Independent ensembles of walkers, at least 2. They are the chains of the DataTree: the
         walkers of one ensemble know of each other and are not.
@@ -55,7 +58,7 @@ def sample(
     start : FitResult, optional
         Fit to start around; made when left out.
     progress : callable, optional
-        Called with a sentence after every ensemble.
+        Called with a sentence now and then.
 
     Returns
     -------
@@ -71,8 +74,6 @@ def sample(
         the data leave a parameter without finite bounds open.
     """
     require_float64("Sampling")
-    from calibration.samplers import emcee_ensemble
-
     if sampler not in SAMPLERS:
         raise InputError(f"sampler {sampler!r} is unknown{nearest(sampler, SAMPLERS)}.")
     dimensions = len(problem.layout.free)
@@ -86,27 +87,63 @@ def sample(
         raise InputError(f"ensembles must be at least 2 and draws at least {walkers}.")
     start = start or fit(problem)
     _require_proper(problem, start)
+    rng = np.random.default_rng(seed)
+    positions = np.stack([_laplace_start(problem, start, walkers, rng) for _ in range(ensembles)])
     steps = -(-draws // walkers)
+    length = {"steps": steps, "warmup": max(1, steps // 2)}
     lower, upper = problem.layout.natural_bounds()
     arguments = jax.device_put((problem.fixed_values, problem.data(), lower, upper))
 
+    density = _LogPosterior(problem.structure)
+    if sampler == "emcee":
+        runs = _run_emcee(density, positions, arguments, length, rng, progress)
+    else:
+        sampler = "stretch"
+        runs = stretch.run(
+            density,
+            positions,
+            arguments,
+            **length,
+            seed=int(rng.integers(2**31)),
+            progress=progress,
+        )
+    return _as_tree(problem, runs, rng, {"sampler": sampler, "seed": seed})
+
+
+@dataclass(frozen=True)
+class _LogPosterior:
+    """Log density of a problem; two of the same structure share what was compiled."""
+
+    structure: ProblemStructure
+
+    def __call__(self, vector: Array, arguments: tuple) -> Array:
+        return self.structure.log_density(vector, arguments)
+
+
+def _run_emcee(
+    density: _LogPosterior,
+    positions: np.ndarray,
+    arguments: tuple,
+    length: dict[str, int],
+    rng: np.random.Generator,
+    progress: Callable[[str], object] | None,
+) -> list[EnsembleDraws]:
+    from calibration.samplers import emcee_ensemble
+
     def log_density(vectors: np.ndarray) -> np.ndarray:
-        return np.asarray(_log_densities(problem.structure, vectors, arguments))
+        return np.asarray(_log_densities(density, vectors, arguments))
 
-    rng = np.random.default_rng(seed)
     runs = []
-    for number in range(1, ensembles + 1):
-        positions = _laplace_start(problem, start, walkers, rng)
-        warmup = max(1, steps // 2)
-        runs.append(emcee_ensemble.run(log_density, positions, steps=steps, warmup=warmup, rng=rng))
+    for number, start in enumerate(positions, start=1):
+        runs.append(emcee_ensemble.run(log_density, start, **length, rng=rng))
         if progress is not None:
-            progress(f"ensemble {number} of {ensembles}: {steps} steps of {walkers} walkers done")
-    return _as_tree(problem, runs, rng, seed)
+            progress(f"ensemble {number} of {len(positions)} done")
+    return runs
 
 
-@functools.partial(jax.jit, static_argnames="structure")
-def _log_densities(structure: ProblemStructure, vectors: Array, arguments: tuple) -> Array:
-    return jax.vmap(lambda v: structure.log_density(v, arguments))(vectors)
+@functools.partial(jax.jit, static_argnames="density")
+def _log_densities(density: _LogPosterior, vectors: Array, arguments: tuple) -> Array:
+    return jax.vmap(lambda v: density(v, arguments))(vectors)
 
 
 @functools.partial(jax.jit, static_argnames="structure")
@@ -172,7 +209,10 @@ def _laplace_start(
 
 
 def _as_tree(
-    problem: Problem, runs: list[EnsembleDraws], rng: np.random.Generator, seed: int
+    problem: Problem,
+    runs: list[EnsembleDraws],
+    rng: np.random.Generator,
+    origin: dict[str, Any],
 ) -> xarray.DataTree:
     import arviz_base
     import arviz_stats
@@ -199,12 +239,16 @@ def _as_tree(
     rhat = arviz_stats.rhat(tree["posterior"].dataset[list(layout.free)])
     worst = max(float(rhat[name]) for name in layout.free)
     correlation = max(run.autocorrelation for run in runs)
-    tree.attrs = _attributes(problem, runs, seed, worst, correlation)
+    tree.attrs = _attributes(problem, runs, origin, worst, correlation)
     return tree
 
 
 def _attributes(
-    problem: Problem, runs: list[EnsembleDraws], seed: int, worst: float, correlation: float
+    problem: Problem,
+    runs: list[EnsembleDraws],
+    origin: dict[str, Any],
+    worst: float,
+    correlation: float,
 ) -> dict[str, Any]:
     steps, walkers = runs[0].positions.shape[:2]
     lengths = steps / correlation if np.isfinite(correlation) and correlation > 0 else 0.0
@@ -221,8 +265,7 @@ def _attributes(
     return {
         "model": problem.name,
         "data_hash": problem.data_hash,
-        "sampler": "emcee",
-        "seed": seed,
+        **origin,
         "walkers": walkers,
         "steps": steps,
         "acceptance": float(np.mean([run.acceptance for run in runs])),

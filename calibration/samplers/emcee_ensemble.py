@@ -5,7 +5,7 @@ from collections.abc import Callable
 import emcee
 import numpy as np
 
-from calibration.samplers.ensemble import EnsembleDraws
+from calibration.samplers.ensemble import EnsembleDraws, longest_autocorrelation
 
 
 def run(
@@ -42,10 +42,9 @@ def run(
     sampler.reset()
     sampler.run_mcmc(state, steps)
     positions = sampler.get_chain()
-    times = emcee.autocorr.integrated_time(positions, tol=0) if steps > 10 else np.inf
     return EnsembleDraws(
         positions=positions,
         log_density=sampler.get_log_prob(),
         acceptance=float(np.mean(sampler.acceptance_fraction)),
-        autocorrelation=float(np.max(times)),
+        autocorrelation=longest_autocorrelation(positions),
     )

@@ -1,8 +1,9 @@
-"""What an ensemble sampler hands back."""
+"""What an ensemble sampler hands back, and how correlated its steps are."""
 
 from dataclasses import dataclass
 
 import numpy as np
+from emcee.autocorr import integrated_time
 
 
 @dataclass(frozen=True)
@@ -25,3 +26,21 @@ class EnsembleDraws:
     log_density: np.ndarray
     acceptance: float
     autocorrelation: float
+
+
+def longest_autocorrelation(positions: np.ndarray) -> float:
+    """Longest integrated autocorrelation time of any parameter.
+
+    Parameters
+    ----------
+    positions : ndarray, shape (steps, walkers, p)
+        Draws of one ensemble.
+
+    Returns
+    -------
+    float
+        In steps; infinite when there are too few steps to estimate it.
+    """
+    if len(positions) <= 10:
+        return float("inf")
+    return float(np.max(integrated_time(positions, tol=0)))
