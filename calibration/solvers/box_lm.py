@@ -3,8 +3,8 @@
 Minimises half the sum of squares of the residuals inside a box. Parameters whose bound holds
 them back are taken out of the step (projected active set); a step that would leave the box is
 stopped at the bound and the other parameters solve again around it. Columns are scaled by
-their greatest norm so far (Moré), steps come from a QR of the Jacobian, never from J'J, and
-the damping follows Nielsen.
+their greatest norm so far (Moré), steps come from a QR of the Jacobian (from J'J only where
+speed over many fits is asked for), and the damping follows Nielsen.
 
 References
 ----------
@@ -21,22 +21,35 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from calibration.solvers.local_model import Gram, Triangular
+from procmodel.errors import InputError, nearest
+
 Residuals = Callable[[Array, Any], Array]
 
-RUNNING, GRADIENT, REDUCTION, STEP, EXACT, STALLED, OUT_OF_STEPS, BAD_START = range(8)
+RUNNING, GRADIENT, REDUCTION, STEP, EXACT, FLOOR, STALLED, OUT_OF_STEPS, BAD_START = range(9)
+
+# A small step or reduction counts as converged only where the residuals are this nearly
+# perpendicular to every free column: damping alone makes steps small too.
+_NEARLY_AT_REST = 1e-6
+# At a kink of the model the optimum is not smooth; there the angle may be this far off.
+_AT_REST_ON_A_KINK = 1e-2
+# Damping, as a multiple of the squared column norms, from which on a step is too short to matter.
+_HOPELESS = 1e14
 
 STATUS = {
     GRADIENT: "converged: no direction inside the bounds makes the misfit smaller",
     REDUCTION: "converged: a further step would not reduce the misfit",
     STEP: "converged: a further step would not move the parameters",
     EXACT: "converged: the model passes through every reading",
-    STALLED: "not converged: no step, however short, gives finite residuals and a smaller misfit; "
-    "check the model near the last values",
+    FLOOR: "converged: no step, however short, makes the misfit smaller",
+    STALLED: "not converged: no step makes the misfit smaller although its slope says one should; "
+    "check the model and its derivative near the last values",
     OUT_OF_STEPS: "not converged: out of steps; raise max_steps or start nearer",
     BAD_START: "not started: the model or its derivative is not finite at the start; "
     "move the start values",
 }
-CONVERGED = (GRADIENT, REDUCTION, STEP, EXACT)
+CONVERGED = (GRADIENT, REDUCTION, STEP, EXACT, FLOOR)
+LOCAL_MODELS: dict[str, type[Triangular] | type[Gram]] = {"qr": Triangular, "gram": Gram}
 
 
 @dataclass(frozen=True)
@@ -50,10 +63,23 @@ class BoxLMOptions:
     tolerance : float
         Relative tolerance on the misfit, on the parameters, and on the cosine between residuals
         and any free column of the Jacobian.
+    linear_algebra : {"qr", "gram"}
+        "qr" for the last digits, "gram" (J'J) for many well-conditioned fits.
+
+    Raises
+    ------
+    InputError
+        If the linear algebra is unknown.
     """
 
     max_steps: int = 500
     tolerance: float = 1e-12
+    linear_algebra: str = "qr"
+
+    def __post_init__(self) -> None:
+        if self.linear_algebra not in LOCAL_MODELS:
+            hint = nearest(self.linear_algebra, tuple(LOCAL_MODELS))
+            raise InputError(f"linear algebra {self.linear_algebra!r} is unknown{hint}.")
 
 
 class BoxLMOutcome(NamedTuple):
@@ -80,12 +106,15 @@ class BoxLMOutcome(NamedTuple):
     steps: Array
 
 
-class _State(NamedTuple):
+class _Point(NamedTuple):
     vector: Array
     residuals: Array
     jacobian: Array
-    triangle: Array  # R of the Jacobian's QR
-    projected: Array  # Q' residuals
+    local: Triangular | Gram
+
+
+class _State(NamedTuple):
+    point: _Point
     scale: Array
     damping: Array
     growth: Array
@@ -121,48 +150,30 @@ def solve(
     BoxLMOutcome
         The last point, converged or not.
     """
-    count = start.shape[0]
+    local_model = LOCAL_MODELS[options.linear_algebra]
 
     @jax.jit  # traced once for its two uses below
-    def linearise(vector: Array) -> tuple[Array, Array, Array, Array]:
+    def linearise(vector: Array) -> _Point:
         jacobian, value = jax.jacfwd(_twice(residuals), has_aux=True)(vector, arguments)
-        padded = jnp.concatenate([jacobian, jnp.zeros((count, count))])
-        q, triangle = jnp.linalg.qr(padded)
-        return value, jacobian, triangle, q[: value.shape[0]].T @ value
+        return _Point(vector, value, jacobian, local_model.of(value, jacobian))
 
     def advance(state: _State) -> _State:
-        gradient = state.triangle.T @ state.projected
-        held = ((state.vector <= lower) & (gradient > 0)) | (
-            (state.vector >= upper) & (gradient < 0)
-        )
-        move = _bounded_step(state, lower, upper, held)
-        trial = jnp.clip(state.vector + move, lower, upper)
+        here = state.point
+        move = _bounded_step(state, lower, upper)
+        trial = _moved(here.vector, move, lower, upper)
         trial_residuals = residuals(trial, arguments)
 
-        misfit = 0.5 * jnp.sum(state.residuals**2)
+        misfit = 0.5 * jnp.sum(here.residuals**2)
         reduction = misfit - 0.5 * jnp.sum(trial_residuals**2)
-        after = state.projected + state.triangle @ move
-        expected = 0.5 * (jnp.sum(state.projected**2) - jnp.sum(after**2))
+        expected = here.local.reduction(move)
         ratio = reduction / jnp.where(expected > 0, expected, 1.0)
         better = jnp.isfinite(reduction) & (reduction > 0) & (expected > 0)
-
-        new = jax.lax.cond(
-            better,
-            lambda: linearise(trial),
-            lambda: (state.residuals, state.jacobian, state.triangle, state.projected),
-        )
+        there = jax.lax.cond(better, lambda: linearise(trial), lambda: here)
         # A better point with a derivative that is not finite is no place to go on from.
-        better = better & jnp.all(jnp.isfinite(new[1]))
-        value, jacobian, triangle, projected = (
-            jnp.where(better, a, b)
-            for a, b in zip(
-                new,
-                (state.residuals, state.jacobian, state.triangle, state.projected),
-                strict=True,
-            )
-        )
-        vector = jnp.where(better, trial, state.vector)
-        scale = jnp.maximum(state.scale, _column_norms(triangle))
+        better = better & jnp.all(jnp.isfinite(there.jacobian))
+        point = jax.tree.map(lambda a, b: jnp.where(better, a, b), there, here)
+
+        scale = jnp.maximum(state.scale, point.local.column_norms())
         shrink = jnp.maximum(1.0 / 3.0, 1.0 - (2.0 * ratio - 1.0) ** 3)
         damping = jnp.where(
             better, jnp.maximum(state.damping * shrink, 1e-16), state.damping * state.growth
@@ -170,52 +181,54 @@ def solve(
         growth = jnp.where(better, 2.0, 2.0 * state.growth)
 
         steps = state.steps + 1
-        tolerance = options.tolerance
-        small = tolerance * misfit
+        small = options.tolerance * misfit
         no_reduction = (jnp.abs(reduction) <= small) & (expected <= small) & (ratio <= 2.0)
         length = jnp.linalg.norm(scale * move)
-        no_move = length <= tolerance * jnp.linalg.norm(scale * vector)
-        at_rest = _projected_cosine(vector, value, triangle, projected, lower, upper) <= tolerance
+        no_move = length <= options.tolerance * jnp.linalg.norm(scale * point.vector)
+        cosine = _projected_cosine(point, lower, upper)
+        # What rounding of the parameters alone does to the residuals.
+        rounding = jnp.finfo(scale.dtype).eps * jnp.linalg.norm(scale * point.vector)
+        rest = jnp.linalg.norm(point.residuals)
+        settled = cosine * rest <= _NEARLY_AT_REST * rest + 1e2 * rounding
+        hopeless = ~jnp.isfinite(damping) | (damping > _HOPELESS)
         status = jnp.select(
             [
-                jnp.all(value == 0),
-                at_rest,
-                no_reduction,
-                no_move & jnp.isfinite(reduction),
-                ~jnp.isfinite(damping) | (damping > 1e32),
+                rest == 0,
+                cosine <= options.tolerance,
+                no_reduction & settled,
+                no_move & jnp.isfinite(reduction) & settled,
+                hopeless & jnp.isfinite(reduction) & (settled | (cosine <= _AT_REST_ON_A_KINK)),
+                hopeless,
                 steps >= options.max_steps,
             ],
-            [EXACT, GRADIENT, REDUCTION, STEP, STALLED, OUT_OF_STEPS],
+            [EXACT, GRADIENT, REDUCTION, STEP, FLOOR, STALLED, OUT_OF_STEPS],
             RUNNING,
         )
-        return _State(
-            vector, value, jacobian, triangle, projected, scale, damping, growth, status, steps
-        )
+        return _State(point, scale, damping, growth, status, steps)
 
-    vector = jnp.clip(start, lower, upper)
-    value, jacobian, triangle, projected = linearise(vector)
-    norms = _column_norms(triangle)
-    sound = jnp.all(jnp.isfinite(value)) & jnp.all(jnp.isfinite(jacobian))
-    at_rest = _projected_cosine(vector, value, triangle, projected, lower, upper)
+    point = linearise(jnp.clip(start, lower, upper))
+    norms = point.local.column_norms()
+    sound = jnp.all(jnp.isfinite(point.residuals)) & jnp.all(jnp.isfinite(point.jacobian))
     status = jnp.select(
-        [~sound, jnp.all(value == 0), at_rest <= options.tolerance],
+        [
+            ~sound,
+            jnp.all(point.residuals == 0),
+            _projected_cosine(point, lower, upper) <= options.tolerance,
+        ],
         [BAD_START, EXACT, GRADIENT],
         RUNNING,
     )
     state = _State(
-        vector=vector,
-        residuals=value,
-        jacobian=jacobian,
-        triangle=triangle,
-        projected=projected,
+        point=point,
         scale=jnp.where(norms > 0, norms, 1.0),
-        damping=jnp.asarray(1e-3, vector.dtype),
-        growth=jnp.asarray(2.0, vector.dtype),
+        damping=jnp.asarray(1e-3, point.vector.dtype),
+        growth=jnp.asarray(2.0, point.vector.dtype),
         status=status,
         steps=jnp.asarray(0),
     )
     state = jax.lax.while_loop(lambda s: s.status == RUNNING, advance, state)
-    return BoxLMOutcome(state.vector, state.residuals, state.jacobian, state.status, state.steps)
+    end = state.point
+    return BoxLMOutcome(end.vector, end.residuals, end.jacobian, state.status, state.steps)
 
 
 @functools.partial(jax.jit, static_argnames=("residuals", "options"))
@@ -231,24 +244,16 @@ def solve_compiled(
     return solve(residuals, start, lower, upper, arguments, options)
 
 
-def _bounded_step(state: _State, lower: Array, upper: Array, held: Array) -> Array:
-    """Damped step of the parameters that are not held, stopped at the bounds."""
-    count = state.vector.shape[0]
-    room_down, room_up = lower - state.vector, upper - state.vector
+def _bounded_step(state: _State, lower: Array, upper: Array) -> Array:
+    """Damped step of the parameters that no bound holds, stopped at the bounds."""
+    point = state.point
+    gradient = point.local.gradient()
+    held = ((point.vector <= lower) & (gradient > 0)) | ((point.vector >= upper) & (gradient < 0))
+    room_down, room_up = lower - point.vector, upper - point.vector
+    damping = state.damping * state.scale**2
 
     def damped(pinned: Array, move: Array) -> Array:
-        """Solve for the parameters that are not pinned, those keeping their move."""
-        free = ~pinned
-        kept = jnp.where(pinned, move, 0.0)
-        right = -(state.projected + state.triangle @ kept)
-        columns = jnp.where(free, state.triangle, 0.0)
-        # A pinned column keeps only its damping row, so its own solution is 0. Scaling the
-        # damping row alone by 1 there keeps the system regular.
-        damping = jnp.where(free, jnp.sqrt(state.damping) * state.scale, 1.0)
-        stacked = jnp.concatenate([columns, jnp.diag(damping)])
-        q, r = jnp.linalg.qr(stacked)
-        solution = jax.scipy.linalg.solve_triangular(r, q[:count].T @ right)
-        return jnp.where(free, solution, kept)
+        return point.local.damped_move(~pinned, damping, jnp.where(pinned, move, 0.0))
 
     def crossing(carry: tuple[Array, Array]) -> Array:
         pinned, move = carry
@@ -260,24 +265,25 @@ def _bounded_step(state: _State, lower: Array, upper: Array, held: Array) -> Arr
         pinned = pinned | crossing(carry)
         return pinned, damped(pinned, jnp.where(pinned, stopped, move))
 
-    carry = (held, damped(held, jnp.zeros_like(state.vector)))
+    carry = (held, damped(held, jnp.zeros_like(point.vector)))
     _, move = jax.lax.while_loop(lambda c: jnp.any(crossing(c)), stop_at_bounds, carry)
     return move
 
 
-def _projected_cosine(
-    vector: Array, value: Array, triangle: Array, projected: Array, lower: Array, upper: Array
-) -> Array:
+def _moved(vector: Array, move: Array, lower: Array, upper: Array) -> Array:
+    """The vector after a move, on the bound itself where the move reaches it."""
+    inside = jnp.clip(vector + move, lower, upper)
+    low = jnp.where(move <= lower - vector, lower, inside)
+    return jnp.where(move >= upper - vector, jnp.where(move > 0, upper, low), low)
+
+
+def _projected_cosine(point: _Point, lower: Array, upper: Array) -> Array:
     """Greatest cosine between the residuals and a column that is free to move."""
-    gradient = triangle.T @ projected
-    held = ((vector <= lower) & (gradient >= 0)) | ((vector >= upper) & (gradient <= 0))
-    lengths = _column_norms(triangle) * jnp.linalg.norm(value)
+    gradient = point.local.gradient()
+    held = ((point.vector <= lower) & (gradient >= 0)) | ((point.vector >= upper) & (gradient <= 0))
+    lengths = point.local.column_norms() * jnp.linalg.norm(point.residuals)
     cosine = jnp.abs(gradient) / jnp.where(lengths > 0, lengths, 1.0)
     return jnp.max(jnp.where(held | (lengths == 0), 0.0, cosine))
-
-
-def _column_norms(matrix: Array) -> Array:
-    return jnp.sqrt(jnp.sum(matrix**2, axis=0))
 
 
 def _twice(residuals: Residuals) -> Callable[[Array, Any], tuple[Array, Array]]:
