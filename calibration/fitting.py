@@ -25,6 +25,8 @@ SOLVERS = {
     "jaxopt": ("calibration.solvers.jaxopt_lbfgsb", "JaxoptOptions"),
 }
 _NOISE_ROUNDS = 50
+# A parameter is at a bound when the way there moves the residuals by less than this of their rms.
+_AT_BOUND = 1e-6
 
 
 def fit(problem: Problem, solver: str = "box_lm", **options: Any) -> FitResult:
@@ -66,33 +68,43 @@ def fit(problem: Problem, solver: str = "box_lm", **options: Any) -> FitResult:
             f"({', '.join(problem.layout.free)}): add readings or fix parameters."
         )
     lower, upper = problem.layout.internal_bounds()
-    levels = _first_noise_levels(problem)
+    # One data set without priors: its noise level scales everything alike, no need to repeat.
+    alone = len(problem.datasets) == 1 and not problem.layout.priors
+    levels = (1.0,) if alone else _first_noise_levels(problem)
     start, rounds, steps = problem.start, 1, 0
     while True:
         arguments = (problem.fixed_values, problem.data(levels))
         try:
             outcome = run(problem.structure, start, lower, upper, arguments)
-        except jax.errors.TracerArrayConversionError:
+        except (jax.errors.TracerArrayConversionError, jax.errors.ConcretizationTypeError):
             names = ", ".join(sorted({model_name(f) for f in problem.structure.functions}))
             raise InputError(
-                f"model {names} turns its parameters into NumPy arrays: write it with jax.numpy."
+                f"model {names} needs its parameters as plain numbers, as NumPy, math and 'if' do: "
+                "write it with jax.numpy (and jnp.where)."
             ) from None
         steps += outcome.steps
+        sound = bool(np.all(np.isfinite(outcome.jacobian)))
+        if not sound:
+            outcome = dataclasses.replace(outcome, jacobian=np.zeros_like(outcome.jacobian))
         held = _held_at_bounds(outcome, lower, upper)
+        if rounds == 1 and sound and not alone:
+            _require_readings_for_noise(problem, outcome)
         analysis = analyse(np.where(held, 0.0, outcome.jacobian))
         estimated = _noise_levels(problem, outcome, analysis, levels)
-        settled = np.allclose(estimated, levels, rtol=1e-9, atol=0.0)
-        # One data set without priors: its noise level scales everything alike, no need to repeat.
-        alone = len(levels) == 1 and not problem.layout.priors
-        if alone or settled or not outcome.converged or rounds == _NOISE_ROUNDS:
+        settled = alone or np.allclose(estimated, levels, rtol=1e-9, atol=0.0)
+        if settled or not outcome.converged or rounds == _NOISE_ROUNDS:
             break
         levels, start, rounds = estimated, outcome.vector, rounds + 1
+    if outcome.converged and not settled:
+        status = "not converged: the noise levels of the data sets do not settle; give their sigma"
+        outcome = dataclasses.replace(outcome, status=status, converged=False)
     solution = Solution(
         problem=problem,
         outcome=dataclasses.replace(outcome, steps=steps),
         held=held,
         assumed_noise=levels,
         noise=estimated,
+        sound=sound,
     )
     return solution.result(solver)
 
@@ -136,14 +148,29 @@ def _solver(name: str, options: dict[str, Any]) -> Callable[..., Outcome]:
 def _held_at_bounds(outcome: Outcome, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
     """Which parameters a bound holds back: the misfit would fall outside, shape (p,)."""
     gradient = outcome.jacobian.T @ outcome.residuals
-    reach = 1e-9 * np.maximum(1.0, np.abs(outcome.vector))
-    low = (outcome.vector <= lower + reach) & (gradient >= 0)
-    return low | ((outcome.vector >= upper - reach) & (gradient <= 0))
+    # Solvers of other libraries stop just inside: near is what hardly moves the residuals.
+    rms = np.sqrt(np.mean(outcome.residuals**2))
+    effect = np.linalg.norm(outcome.jacobian, axis=0)
+    low = (outcome.vector - lower) * effect <= _AT_BOUND * rms
+    high = (upper - outcome.vector) * effect <= _AT_BOUND * rms
+    low, high = low & (effect > 0), high & (effect > 0)
+    return ((outcome.vector <= lower) | low) & (gradient >= 0) | (
+        ((outcome.vector >= upper) | high) & (gradient <= 0)
+    )
+
+
+def _require_readings_for_noise(problem: Problem, outcome: Outcome) -> None:
+    """Refuse to estimate the noise of a data set that its own parameters can fit exactly."""
+    for (name, dataset), part in zip(problem.datasets.items(), problem.slices, strict=True):
+        if dataset.sigma is None and len(dataset.y) <= analyse(outcome.jacobian[part]).rank:
+            raise InputError(
+                f"data set {name!r} has {len(dataset.y)} readings, no more than the parameters "
+                "they determine, so that its noise cannot be estimated: give its sigma or more "
+                "readings."
+            )
 
 
 def _first_noise_levels(problem: Problem) -> tuple[float, ...]:
-    if len(problem.datasets) == 1 and not problem.layout.priors:
-        return (1.0,)
     spreads = (float(np.std(d.y)) for d in problem.datasets.values())
     return tuple(s if s > 0 else 1.0 for s in spreads)
 
@@ -154,7 +181,7 @@ def _noise_levels(
     """Noise of each data set from its residuals, less what the parameters absorbed there."""
     estimates = []
     for part, dataset, level in zip(problem.slices, problem.datasets.values(), levels, strict=True):
-        if dataset.sigma is not None:
+        if dataset.sigma is not None or not np.all(np.isfinite(outcome.residuals)):
             estimates.append(level)
             continue
         free = len(dataset.y) - float(np.sum(analysis.leverage[part]))

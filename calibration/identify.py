@@ -110,24 +110,49 @@ def unseen_in_words(
     tuple of str
         Such as "wear_ratio and electrode_area cannot be told apart: ...".
     """
-    sentences = []
-    scale = np.where(analysis.column_norms > 0, analysis.column_norms, 1.0)
-    for direction in analysis.unseen.T:
-        absent = (analysis.column_norms == 0) & (np.abs(direction) > 0.5)
-        if np.any(absent):
-            sentences.append(f"{names[int(np.argmax(absent))]} has no effect on any reading")
-            continue
-        step = direction / scale
-        change = step / np.where(values != 0, np.abs(values), 1.0)
+    sentences = [
+        f"{name} has no effect on any reading"
+        for name, norm in zip(names, analysis.column_norms, strict=True)
+        if norm == 0
+    ]
+    seen = np.flatnonzero(analysis.column_norms > 0)
+    if len(seen) == 0:
+        return tuple(sentences)
+    size = np.where(values != 0, np.abs(values), 1.0)
+    # Relative changes along the unseen directions; columns without effect are said above.
+    effective = np.flatnonzero(np.linalg.norm(analysis.unseen[seen], axis=0) > 1e-6)
+    changes = analysis.unseen[np.ix_(seen, effective)].T
+    changes = changes / analysis.column_norms[seen] / size[seen]
+    for change in _few_at_a_time(changes):
         order = np.argsort(-np.abs(change))
-        part = [i for i in order if np.abs(change[i]) > 0.05 * np.abs(change[order[0]])]
-        part.sort()
+        part = sorted(i for i in order if np.abs(change[i]) > 1e-3 * np.abs(change[order[0]]))
         relative = change / change[part[0]]
-        moves = " with ".join(f"{_signed(relative[i], values[i] != 0)} in {names[i]}" for i in part)
+        moves = " with ".join(
+            f"{_signed(relative[i], values[seen[i]] != 0)} in {names[seen[i]]}" for i in part
+        )
         sentences.append(
-            f"{_listed([names[i] for i in part])} cannot be told apart: {moves} changes no reading"
+            f"{_listed([names[seen[i]] for i in part])} cannot be told apart: "
+            f"{moves} changes no reading"
         )
     return tuple(sentences)
+
+
+def _few_at_a_time(directions: np.ndarray) -> np.ndarray:
+    """The same directions (k, p) in another basis, each with as few parameters as possible.
+
+    An SVD mixes directions that belong to different parameters; row echelon form parts them.
+    """
+    rows = directions.copy()
+    for k in range(len(rows)):
+        # The greatest entry left decides the pivot; its column is cleared from all other rows.
+        rest = np.abs(rows[k:])
+        i, j = divmod(int(np.argmax(rest)), rest.shape[1])
+        rows[[k, k + i]] = rows[[k + i, k]]
+        rows[k] /= rows[k, j]
+        for other in range(len(rows)):
+            if other != k:
+                rows[other] -= rows[other, j] * rows[k]
+    return np.where(np.abs(rows) > 1e-7, rows, 0.0)
 
 
 def trades_in_words(correlation: np.ndarray, names: tuple[str, ...]) -> tuple[str, ...]:

@@ -7,6 +7,7 @@ compiled solver can be reused for every data set of the same problem.
 
 import dataclasses
 import math
+import numbers
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -60,8 +61,12 @@ class Parameter:
     tied: str | Callable[[dict[str, Array]], Array] | None = None
 
     def __post_init__(self) -> None:
-        if not math.isfinite(self.value):
-            raise InputError(f"parameter value {self.value} is not a finite number.")
+        if not (isinstance(self.value, numbers.Real) and math.isfinite(self.value)):
+            raise InputError(f"parameter value {self.value!r} is not a finite number.")
+        if self.prior is not None and not isinstance(self.prior, Prior):
+            raise InputError(
+                f"prior {self.prior!r} is not one of calibration's, such as Normal(mean, std)."
+            )
         try:
             lower, upper = (float(b) for b in self.bounds)
         except (TypeError, ValueError):
@@ -75,6 +80,12 @@ class Parameter:
                 f"value {self.value:g} is outside its bounds ({lower:g}, {upper:g}): "
                 "move the start or widen the bounds."
             )
+        if self.tied is not None and (
+            self.fixed or self.transform != "identity" or (lower, upper) != (-math.inf, math.inf)
+        ):
+            raise InputError(
+                "a tied parameter follows others: give it no bounds or transform, do not fix it."
+            )
         if self.transform not in TRANSFORMS:
             raise InputError(
                 f"transform {self.transform!r} is unknown{nearest(self.transform, TRANSFORMS)}."
@@ -87,6 +98,15 @@ class Parameter:
             math.isfinite(lower) and math.isfinite(upper) and lower < self.value < upper
         ):
             raise InputError("transform 'logit' needs finite bounds and a value between them.")
+
+
+class NamedParameters(dict):
+    """Parameters as models and ties see them; a name that is not there is explained."""
+
+    def __missing__(self, key: str) -> Array:
+        raise InputError(
+            f"parameter {key!r} is asked for, which is not there{nearest(str(key), list(self))}."
+        )
 
 
 @dataclass(frozen=True)
@@ -196,7 +216,7 @@ class ParameterLayout:
             for i, name in enumerate(self.free)
         }
         values |= {name: fixed[i] for i, name in enumerate(self.fixed)}
-        untied = dict(values)
+        untied = NamedParameters(values)
         for name, target in self.tied:
             values[name] = untied[target] if isinstance(target, str) else target(untied)
         return {name: values[name] for name in self.names}
@@ -244,7 +264,7 @@ class ParameterLayout:
             if transform == "log":
                 slopes[i] = math.exp(vector[i])
             elif between is not None:
-                share = 1.0 / (1.0 + math.exp(-vector[i]))
+                share = 0.5 + 0.5 * math.tanh(0.5 * vector[i])
                 slopes[i] = (between[1] - between[0]) * share * (1.0 - share)
         return slopes
 
@@ -287,9 +307,11 @@ def _to_natural(
     value: Any, transform: str, between: tuple[float, float] | None, xp: Any = jnp
 ) -> Any:
     if transform == "log":
-        return xp.exp(value)
+        with np.errstate(over="ignore"):
+            return xp.exp(value)
     if between is not None:
-        return between[0] + (between[1] - between[0]) / (1.0 + xp.exp(-value))
+        with np.errstate(over="ignore"):
+            return between[0] + (between[1] - between[0]) / (1.0 + xp.exp(-value))
     return value
 
 

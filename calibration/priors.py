@@ -22,6 +22,11 @@ class Prior(abc.ABC):
     def support(self) -> tuple[float, float]:
         """Range in which the density is not zero."""
 
+    @property
+    def informs(self) -> bool:
+        """Whether the density changes inside its support, so that it counts like a reading."""
+        return True
+
     @abc.abstractmethod
     def residual(self, value: Array) -> Array:
         """Standardised distance from the centre: the half square is minus the log density."""
@@ -145,6 +150,11 @@ class Uniform(Prior):
     def support(self) -> tuple[float, float]:
         """From low to high."""
         return self.low, self.high
+
+    @property
+    def informs(self) -> bool:
+        """A uniform prior only bounds."""
+        return False
 
     def residual(self, value: Array) -> Array:
         """Zero: the data alone decide inside the range."""

@@ -4,6 +4,7 @@ import dataclasses
 import hashlib
 import itertools
 import math
+import numbers
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -13,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from calibration.parameters import Parameter, ParameterLayout
+from calibration.parameters import NamedParameters, Parameter, ParameterLayout
 from procmodel.errors import InputError, nearest
 
 Model = Callable[[dict[str, Array], Any], Array]
@@ -55,7 +56,10 @@ class Dataset:
         if y.ndim != 1 or len(y) == 0:
             raise InputError(f"y must be a list of readings, not an array of shape {y.shape}.")
         _require_finite("y", y)
-        object.__setattr__(self, "x", jax.tree.map(lambda leaf: np.asarray(leaf), self.x))
+        x = self.x
+        if isinstance(x, list | tuple) and all(isinstance(v, numbers.Real) for v in x):
+            x = np.asarray(x, float)
+        object.__setattr__(self, "x", jax.tree.map(np.asarray, x))
         for leaf in jax.tree.leaves(self.x):
             if np.issubdtype(leaf.dtype, np.floating):
                 _require_finite("x", leaf)
@@ -87,7 +91,7 @@ class ProblemStructure:
 
     def predictions(self, vector: Array, fixed: Array, xs: tuple) -> tuple[Array, ...]:
         """Model values of every data set at an internal vector; traceable."""
-        values = _NamedParameters(self.layout.natural(vector, fixed))
+        values = NamedParameters(self.layout.natural(vector, fixed))
         return tuple(
             jnp.asarray(function(_renamed(values, own), x))
             for function, own, x in zip(self.functions, self.own, xs, strict=True)
@@ -152,18 +156,8 @@ class ProblemStructure:
         return jnp.where(inside & jnp.isfinite(total), total, -jnp.inf)
 
 
-class _NamedParameters(dict):
-    """Parameters as the model sees them; a misspelt name is explained."""
-
-    def __missing__(self, key: str) -> Array:
-        raise InputError(
-            f"the model asks for parameter {key!r}, which the problem does not have"
-            f"{nearest(str(key), list(self))}."
-        )
-
-
-def _renamed(values: _NamedParameters, own: tuple[tuple[str, str], ...]) -> _NamedParameters:
-    return _NamedParameters({**values, **{inner: values[outer] for inner, outer in own}})
+def _renamed(values: NamedParameters, own: tuple[tuple[str, str], ...]) -> NamedParameters:
+    return NamedParameters({**values, **{inner: values[outer] for inner, outer in own}})
 
 
 class Problem:

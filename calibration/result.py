@@ -1,5 +1,6 @@
 """The result of a fit: values, intervals, verdicts, and a report that says what is missing."""
 
+import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -27,7 +28,9 @@ class ParameterEstimate:
     verdict : str
         "identified", "one-sided", "flat", or "fixed".
     reason : str
-        Why the verdict is not "identified", as half a sentence; empty when it is.
+        Why the verdict is not "identified" or an interval is missing, as half a sentence.
+    freedom : float
+        Degrees of freedom of the standard deviation; infinite where the noise is known.
     """
 
     value: float
@@ -36,6 +39,7 @@ class ParameterEstimate:
     unit: str
     verdict: str
     reason: str = ""
+    freedom: float = math.inf
 
     def as_dict(self) -> dict[str, Any]:
         """The fields as plain JSON types."""
@@ -46,6 +50,7 @@ class ParameterEstimate:
             "unit": self.unit,
             "verdict": self.verdict,
             "reason": self.reason,
+            "degrees_of_freedom": self.freedom if math.isfinite(self.freedom) else None,
         }
 
     def in_words(self) -> str:
@@ -82,6 +87,9 @@ class FitResult:
         Solution in internal coordinates.
     covariance : ndarray, shape (p, p)
         Covariance of the free parameters in natural units; NaN rows where none exists.
+    seen_covariance : ndarray, shape (p, p)
+        The same on the directions that the data see, 0 on the others: finite always, for what
+        follows from parameters that are flat one by one.
     residuals : dict of str to ndarray
         Reading less model for every data set.
     noise : dict of str to float or None
@@ -108,6 +116,7 @@ class FitResult:
     steps: int
     vector: np.ndarray
     covariance: np.ndarray
+    seen_covariance: np.ndarray
     residuals: dict[str, np.ndarray]
     noise: dict[str, float | None]
     degrees_of_freedom: int
@@ -151,8 +160,7 @@ class FitResult:
         estimate = self.parameters[name]
         if estimate.std is None:
             raise ValueError(f"{name} has no standard deviation")
-        known = self.problem.noise_known
-        standard = ndtri(levels) if known else stdtrit(self.degrees_of_freedom, levels)
+        standard = student_quantile(levels, estimate.freedom)
         if name not in self.free:
             return estimate.value + standard * estimate.std
         return self.problem.layout.around(self.vector, name, standard * estimate.std)
@@ -173,7 +181,9 @@ class FitResult:
             f"status    {self.status}",
         ]
         misfit = f"misfit    rms {self.residual_rms:.4g}"
-        if self.reduced_chi2 is None:
+        if self.degrees_of_freedom == 0:
+            misfit += "; no reading left over to judge it by"
+        elif self.reduced_chi2 is None:
             levels = ", ".join(f"{n} {s:.4g}" for n, s in self.noise.items() if s is not None)
             misfit += f"; noise estimated from the residuals: {levels}"
         else:
@@ -235,3 +245,23 @@ def correlation_of(covariance: np.ndarray) -> np.ndarray:
     std = np.sqrt(np.diag(covariance))
     std = np.where(std > 0, std, np.nan)
     return covariance / np.outer(std, std)
+
+
+def student_quantile(level: Any, freedom: float) -> Any:
+    """Quantile of Student's t, or of the normal distribution for infinite degrees of freedom.
+
+    Parameters
+    ----------
+    level : array_like
+        Probability.
+    freedom : float
+        Degrees of freedom, > 0.
+
+    Returns
+    -------
+    array_like
+        The quantile; NaN where there is no degree of freedom.
+    """
+    if math.isinf(freedom):
+        return ndtri(level)
+    return stdtrit(freedom, level) if freedom > 0 else np.full_like(level, np.nan, dtype=float)

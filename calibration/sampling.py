@@ -83,8 +83,10 @@ def sample(
             f"walkers is {walkers}, but must be even and at least {2 * dimensions}, twice the "
             "number of free parameters."
         )
-    if ensembles < 2 or draws < walkers:
-        raise InputError(f"ensembles must be at least 2 and draws at least {walkers}.")
+    if ensembles < 2 or draws < walkers or seed < 0:
+        raise InputError(
+            f"ensembles must be at least 2, draws at least {walkers} and the seed not below 0."
+        )
     start = start or fit(problem)
     _require_proper(problem, start)
     rng = np.random.default_rng(seed)
@@ -165,8 +167,15 @@ def _square_deviations(structure: ProblemStructure, vectors: Array, arguments: t
 
 
 def _require_proper(problem: Problem, start: FitResult) -> None:
+    if start.problem.structure != problem.structure or start.problem.data_hash != problem.data_hash:
+        raise InputError("start is the fit of another problem: fit this one.")
     if not start.converged:
         raise InputError(f"the fit that sampling starts from failed ({start.status}).")
+    if start.degrees_of_freedom == 0 and not problem.noise_known:
+        raise InputError(
+            "there are as many parameters as readings and no sigma, so that the noise level is "
+            "unknown: give sigma or more readings."
+        )
     for name, bounds in zip(problem.layout.free, problem.layout.bounds, strict=True):
         estimate = start.parameters[name]
         if estimate.interval95 is None and not np.all(np.isfinite(bounds)):
@@ -218,7 +227,9 @@ def _as_tree(
     import arviz_stats
 
     structure, layout = problem.structure, problem.layout
-    vectors = np.stack([run.positions for run in runs])  # chain, step, walker, parameter
+    # One walker after the other: neighbouring draws of a chain then are neighbouring steps, as
+    # estimates of the effective sample size expect.
+    vectors = np.stack([run.positions.swapaxes(0, 1) for run in runs])
     chains = vectors.reshape(len(runs), -1, vectors.shape[-1])
     flat = chains.reshape(-1, chains.shape[-1])
     values = _all_values(structure, flat, problem.fixed_values)
@@ -228,7 +239,7 @@ def _as_tree(
         if name not in layout.fixed
     }
     posterior |= _noise_draws(problem, flat, chains.shape[:2], rng)
-    lp = np.stack([run.log_density for run in runs]).reshape(chains.shape[:2])
+    lp = np.stack([run.log_density.T for run in runs]).reshape(chains.shape[:2])
     tree = arviz_base.from_dict(
         {
             "posterior": posterior,
@@ -266,6 +277,10 @@ def _attributes(
         "model": problem.name,
         "data_hash": problem.data_hash,
         **origin,
+        **{
+            f"fixed_{name}": value
+            for name, value in zip(problem.layout.fixed, problem.fixed_values, strict=True)
+        },
         "walkers": walkers,
         "steps": steps,
         "acceptance": float(np.mean([run.acceptance for run in runs])),

@@ -12,7 +12,12 @@ from jax import Array
 from calibration.identify import Identifiability, analyse, trades_in_words, unseen_in_words
 from calibration.parameters import ParameterLayout
 from calibration.problem import Problem
-from calibration.result import FitResult, ParameterEstimate, correlation_of
+from calibration.result import (
+    FitResult,
+    ParameterEstimate,
+    correlation_of,
+    student_quantile,
+)
 from calibration.solvers.outcome import Outcome
 
 
@@ -30,6 +35,9 @@ class Solution:
         Parameters that a bound holds back.
     assumed_noise, noise : tuple of float
         Noise level of each data set as the solver took it, and as the residuals show it.
+    sound : bool
+        Whether the model and its derivative were finite there; if not, there is a point but
+        nothing to say about it.
     """
 
     problem: Problem
@@ -37,6 +45,7 @@ class Solution:
     held: np.ndarray
     assumed_noise: tuple[float, ...]
     noise: tuple[float, ...]
+    sound: bool = True
 
     def result(self, solver: str) -> FitResult:
         """Everything there is to say about the solution."""
@@ -53,6 +62,7 @@ class Solution:
             steps=self.outcome.steps,
             vector=self.outcome.vector,
             covariance=covariance,
+            seen_covariance=self.analysis.covariance,
             residuals=self._raw_residuals(),
             noise={
                 name: None if dataset.sigma is not None else level
@@ -94,16 +104,34 @@ class Solution:
             return self.analysis
         return analyse(np.where(self.held, 0.0, self.jacobian[: self.problem.size]))
 
-    @property
+    @cached_property
     def freedom(self) -> int:
-        """Readings and priors less parameters determined."""
-        return self.problem.size + len(self.problem.layout.priors) - self.analysis.rank
+        """Readings and informative priors less parameters determined."""
+        informing = sum(prior.informs for _, prior in self.problem.layout.priors)
+        return self.problem.size + informing - self.analysis.rank
 
-    def quantile(self, level: float) -> float:
-        """Of the normal distribution, or of Student's t where the noise was estimated."""
-        if self.problem.noise_known:
-            return float(scipy.special.ndtri(level))
-        return float(scipy.special.stdtrit(self.freedom, level)) if self.freedom else float("nan")
+    def freedom_of(self, gradient: np.ndarray) -> float:
+        """Degrees of freedom of a quantity's standard deviation (Welch and Satterthwaite).
+
+        Parameters
+        ----------
+        gradient : ndarray, shape (p,)
+            Derivative of the quantity by the natural free parameters.
+
+        Returns
+        -------
+        float
+            Of Student's t; infinite where all the noise that matters is known.
+        """
+        shares = (self.jacobian @ (self.analysis.covariance @ gradient)) ** 2
+        unknown = 0.0
+        for part, dataset in zip(self.problem.slices, self.problem.datasets.values(), strict=True):
+            if dataset.sigma is None:
+                own = len(dataset.y) - float(np.sum(self.analysis.leverage[part]))
+                square = float(np.sum(shares[part])) ** 2
+                unknown += square / own if own > 1e-9 else np.inf * (square > 0)
+        total = float(np.sum(shares)) ** 2
+        return total / unknown if unknown > 0 else np.inf
 
     @cached_property
     def _rescaling(self) -> np.ndarray:
@@ -156,45 +184,74 @@ class Solution:
             return np.zeros(len(layout.free))
         if isinstance(target, str):
             return self._gradient(target)
-        return self._tied_gradients[name] / self.slopes
+        tied = self._tied_gradients[name]
+        return np.divide(tied, self.slopes, out=np.zeros_like(tied), where=self.slopes > 0)
 
     def _estimate(self, name: str) -> ParameterEstimate:
-        parameter = self.problem.parameters[name]
-        value, unit = self._natural[name], parameter.unit
+        unit, value = self.problem.parameters[name].unit, self._natural[name]
         gradient = self._gradient(name)
+
+        def estimate(
+            verdict: str,
+            reason: str = "",
+            std: float | None = None,
+            interval: tuple[float, float] | None = None,
+            freedom: float = np.inf,
+        ) -> ParameterEstimate:
+            return ParameterEstimate(value, std, interval, unit, verdict, reason, freedom)
+
         if not np.any(gradient):
-            return ParameterEstimate(value, None, None, unit, "fixed")
+            return estimate("fixed")
+        if not self.sound:
+            return estimate("flat", "the model is not finite there")
         if np.any(gradient[self.held]):
             return self._estimate_held(name, value, unit)
         if self.analysis.is_flat(gradient):
-            return ParameterEstimate(
-                value, None, None, unit, "flat", "the data leave it open, see below"
-            )
+            return estimate("flat", "the data leave it open, see below")
+        freedom = self.freedom_of(gradient)
+        if freedom == 0:
+            return estimate("identified", "but no reading is left over to show its error")
         std = float(np.sqrt(gradient @ self.analysis.covariance @ gradient))
-        if self.freedom == 0 and not self.problem.noise_known:
-            return ParameterEstimate(
-                value, None, None, unit, "flat", "no reading is left over to show the noise"
-            )
-        interval = self._interval(name, value, std)
+        interval = self._interval(name, value, std, freedom)
         if self.analysis_of_data.is_flat(gradient):
-            return ParameterEstimate(
-                value, std, interval, unit, "flat", "its interval comes from the prior alone"
-            )
-        lower, upper = parameter.bounds
-        below, above = interval[0] < lower, interval[1] > upper
+            reason = "its interval comes from the prior alone"
+            return estimate("flat", reason, std, interval, freedom)
+        below, above = self._reaches_bounds(name, interval, std)
+        lower, upper = self.problem.parameters[name].bounds
         cut = (max(interval[0], lower), min(interval[1], upper))
         if below and above:
-            reason = f"its 95 % interval is wider than its bounds ({lower:g}, {upper:g})"
-            return ParameterEstimate(value, std, cut, unit, "flat", reason)
+            reason = f"its 95 % interval is as wide as its bounds ({lower:g}, {upper:g})"
+            return estimate("flat", reason, std, cut, freedom)
         if below or above:
             side, bound = ("lower", lower) if below else ("upper", upper)
-            reason = f"its 95 % interval reaches past the {side} bound {bound:g}"
-            return ParameterEstimate(value, std, cut, unit, "one-sided", reason)
-        return ParameterEstimate(value, std, interval, unit, "identified")
+            reason = f"its 95 % interval reaches the {side} bound {bound:g}"
+            return estimate("one-sided", reason, std, cut, freedom)
+        return estimate("identified", "", std, interval, freedom)
 
-    def _interval(self, name: str, value: float, std: float) -> tuple[float, float]:
+    def _reaches_bounds(
+        self, name: str, interval: tuple[float, float], std: float
+    ) -> tuple[bool, bool]:
+        """Whether an interval reaches the lower and the upper bound.
+
+        A transform keeps its interval inside the bounds by construction: there, being as good
+        as at the bound is what counts.
+        """
+        lower, upper = self.problem.parameters[name].bounds
+        layout = self.problem.layout
+        transform = "identity"
+        if name in layout.free:
+            transform = layout.transforms[layout.free.index(name)]
+        if transform == "logit":
+            margin = 0.025 * (upper - lower)
+            return interval[0] < lower + margin, interval[1] > upper - margin
+        if transform == "log":
+            # Past a factor of e per standard deviation nothing but an upper limit is known.
+            return std > self._natural[name] or interval[0] < lower, interval[1] > upper
+        return interval[0] < lower, interval[1] > upper
+
+    def _interval(self, name: str, value: float, std: float, freedom: float) -> tuple[float, float]:
         """95 % interval, symmetric in the coordinate that the solver works in."""
-        reach = self.quantile(0.975) * std
+        reach = student_quantile(0.975, freedom) * std
         if name not in self.problem.layout.free:
             return value - reach, value + reach
         ends = self.problem.layout.around(self.outcome.vector, name, np.array([-reach, reach]))
@@ -214,21 +271,23 @@ class Solution:
         others = self.held.copy()
         others[index] = False
         released = analyse(np.where(others, 0.0, self.jacobian))
-        if released.is_flat(np.eye(len(layout.free))[index]):
+        unit_vector = np.eye(len(layout.free))[index]
+        if released.is_flat(unit_vector):
             return ParameterEstimate(value, None, None, unit, "flat", reason)
+        freedom = float(self.freedom) if not self.problem.noise_known else np.inf
         slope = abs(float(self.jacobian[:, index] @ self.standardised))
         curvature = 1.0 / released.covariance[index, index]
-        threshold = self.quantile(0.95) ** 2
+        threshold = student_quantile(0.95, freedom) ** 2
         reach = (np.sqrt(slope**2 + curvature * threshold) - slope) / curvature
         limit = float(value + reach if at_lower else value - reach)
         interval = (value, min(limit, upper)) if at_lower else (max(limit, lower), value)
         if not np.isfinite(limit):
             return ParameterEstimate(value, None, None, unit, "one-sided", reason)
-        return ParameterEstimate(value, None, interval, unit, "one-sided", reason)
+        return ParameterEstimate(value, None, interval, unit, "one-sided", reason, freedom)
 
     def _directions(self) -> tuple[str, ...]:
         seen = ~self.held
-        if not np.any(seen):
+        if not self.sound or not np.any(seen):
             return ()
         free = self.problem.layout.free
         names = tuple(n for n, s in zip(free, seen, strict=True) if s)
@@ -240,7 +299,7 @@ class Solution:
         warnings = []
         if not self.outcome.converged:
             warnings.append("the fit did not converge: do not use the intervals")
-        if self.freedom == 0:
+        if self.sound and self.freedom == 0:
             warnings.append(
                 "as many parameters as readings: the misfit says nothing about the model"
             )

@@ -7,6 +7,7 @@ Lengths in um, areas in um^2.
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Literal
 
 import jax.numpy as jnp
@@ -17,7 +18,17 @@ from calibration.fitting import fit
 from calibration.parameters import Parameter
 from calibration.problem import Problem
 from calibration.result import FitResult
-from procmodel.errors import InputError
+from calibration.wear_profile import (
+    LEAST_READINGS,
+    centre_and_surface,
+    depth_reached,
+    downwards,
+    looks_full,
+    near_upper_edge,
+    require_half_profile,
+    require_profile,
+)
+from procmodel.errors import InputError, nearest
 from procmodel.wear import CircleSection, LayeredCavity, Section, SquareSection
 
 Reach = Literal["auto", "half", "full"]
@@ -32,8 +43,6 @@ _UNEXPLAINED_GAP = 1.0
 # Correlation of neighbouring residuals, times the root of their number, that chance explains in
 # less than one of 4000 profiles.
 _FOLLOWING = 3.5
-# Share of a half profile that may lie beyond the centre.
-_BEYOND_CENTRE = 0.2
 
 
 @dataclass(frozen=True)
@@ -76,6 +85,10 @@ class TestCavity:
     def __post_init__(self) -> None:
         if self.section not in ("square", "circle"):
             raise InputError(f"section {self.section!r} is unknown; known are square, circle.")
+        if not (math.isfinite(self.corner_radius) and self.corner_radius >= 0):
+            raise InputError(f"corner radius {self.corner_radius:g} um must be 0 or more.")
+        if self.layers is not None and not isinstance(self.layers, int):
+            raise InputError(f"layers is {self.layers!r}, but must be a whole number.")
         for name in ("half_width", "step", "feed", "electrode_area"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
@@ -126,6 +139,8 @@ class CavityFit:
         Whether the instrument's z counted upwards.
     possible_layers : tuple of int
         Numbers of layers that explain the profile about as well, where it had to be counted.
+    left_out : int
+        Readings at the upper edge that were not used, for they tell its place and not the wear.
     """
 
     result: FitResult
@@ -135,6 +150,7 @@ class CavityFit:
     depth: np.ndarray
     flipped: bool
     possible_layers: tuple[int, ...] = ()
+    left_out: int = 0
 
     def predict(
         self, position: np.ndarray, parameters: dict[str, float] | None = None
@@ -158,10 +174,20 @@ class CavityFit:
         x = {**self.result.problem.datasets["data"].x, "position": np.asarray(position, float)}
         return np.asarray(model({n: jnp.asarray(v) for n, v in values.items()}, x))
 
-    @property
+    @cached_property
     def notes(self) -> tuple[str, ...]:
         """What moves the wear ratio and cannot be seen in the misfit, as sentences."""
-        notes = []
+        notes = [
+            "depths determine wear_per_area alone: wear_ratio is proportional to the electrode "
+            f"area of {self.cavity.electrode_area:.6g} um^2 that was given",
+            f"one wear ratio is taken for all depths: a trend with depth is not to be told from a "
+            f"profile {float(np.ptp(self.depth)):.3g} um deep",
+        ]
+        if self.left_out:
+            notes.append(
+                f"{self.left_out} readings beside the upper edge were left out, where gap or "
+                "centre decides between wall and surface"
+            )
         residuals = self.result.residuals["data"]
         follow = float(residuals[1:] @ residuals[:-1]) / max(float(residuals @ residuals), 1e-300)
         if follow > _FOLLOWING / math.sqrt(len(residuals)):
@@ -266,16 +292,31 @@ def fit_cavity(
         If the profile cannot come from this cavity.
     """
     position, height = np.asarray(x, float), np.asarray(z, float)
+    require_profile(position, height, source)
+    for name, value, known in (
+        ("reach", reach, ("auto", "half", "full")),
+        ("readings", readings, ("wall", "depths")),
+    ):
+        if value not in known:
+            raise InputError(f"{name} {value!r} is unknown{nearest(value, known)}.")
+    if not 0 <= gap < cavity.half_width:
+        raise InputError(f"gap {gap:g} um must be 0 or more and below the half width.")
     if reach == "auto":
-        reach = "full" if _looks_full(position, height) else "half"
-    depth, flipped = _downwards(height, reach)
-    sides = sorted((max(0.0, -float(position[0])), max(0.0, float(position[-1]))))
-    if reach == "half" and sides[0] > _BEYOND_CENTRE * sides[1]:
-        raise InputError(
-            f"{source} has x far on both sides of 0 but only one wall: shift x so that 0 is the "
-            "centre of the cavity, or measure both walls."
-        )
-    _require_possible_depth(depth, cavity, reach, source)
+        reach = "full" if looks_full(height) else "half"
+    depth, flipped = downwards(height, reach)
+    if reach == "half":
+        require_half_profile(position, depth, source)
+    _require_possible_depth(depth_reached(position, depth, reach), cavity, source)
+    left_out = 0
+    if readings == "wall" and (fit_gap or reach == "full"):
+        centre = centre_and_surface(position, depth)[0] if reach == "full" else 0.0
+        used = ~near_upper_edge(position - centre, cavity.half_width, 0.0 if fit_gap else gap)
+        left_out = int(np.count_nonzero(~used))
+        position, depth = position[used], depth[used]
+        if sigma is not None and np.ndim(sigma):
+            sigma = np.asarray(sigma, float)[used]
+        if len(position) < LEAST_READINGS:
+            raise InputError(f"{source} has no {LEAST_READINGS} readings inside the cavity.")
     parameters = _parameters(cavity, position, depth, reach, gap, fit_gap, fit_electrode_area)
     shift = 1.0 if readings == "wall" else 0.0
 
@@ -287,7 +328,7 @@ def fit_cavity(
     possible: tuple[int, ...] = ()
     if cavity.layers is None:
         cavity, result, possible = _count_layers(cavity, position, depth, result, solved)
-    return CavityFit(result, cavity, reach, position, depth, flipped, possible)
+    return CavityFit(result, cavity, reach, position, depth, flipped, possible, left_out)
 
 
 def square_wall(params: dict[str, Array], x: dict[str, Any]) -> Array:
@@ -331,11 +372,13 @@ def _problem(
     parameters: dict[str, Parameter],
     shift: float,
 ) -> Problem:
+    placed = parameters["gap"].fixed and parameters["centre"].fixed
     x = {
         "position": position,
         "half_widths": cavity.half_widths,
         "feeds": cavity.feeds,
-        "edge_width": np.median(np.diff(position)),
+        # A sharp step where its place is given; else a slope, for a step has no derivative.
+        "edge_width": 0.0 if placed else float(np.median(np.diff(position))),
         "corner_radius": cavity.corner_radius,
         "shift": shift,
     }
@@ -353,7 +396,7 @@ def _parameters(
     fit_electrode_area: bool,
 ) -> dict[str, Parameter]:
     full = reach == "full"
-    centre, zero = _edges(position, depth) if full else (0.0, 0.0)
+    centre, zero = centre_and_surface(position, depth) if full else (0.0, 0.0)
     span = float(np.ptp(position))
     area = cavity.electrode_area
     widest = cavity.half_width
@@ -362,7 +405,7 @@ def _parameters(
         "electrode_area": Parameter(
             area, "um^2", bounds=(1e-3 * area, 1e3 * area), fixed=not fit_electrode_area
         ),
-        "gap": Parameter(gap, "um", bounds=(min(0.0, gap), max(widest, gap)), fixed=not fit_gap),
+        "gap": Parameter(gap, "um", bounds=(0.0, widest + _UNEXPLAINED_GAP), fixed=not fit_gap),
         "centre": Parameter(centre, "um", bounds=(centre - span, centre + span), fixed=not full),
         "zero": Parameter(zero, "um", fixed=not full),
         "tilt": Parameter(0.0, "um/um", bounds=(-1.0, 1.0), fixed=not full),
@@ -371,40 +414,8 @@ def _parameters(
     return parameters
 
 
-def _looks_full(position: np.ndarray, height: np.ndarray) -> bool:
-    """Both ends on one level and the middle away from it."""
-    edge = max(1, len(position) // 20)
-    left, right = np.median(height[:edge]), np.median(height[-edge:])
-    middle = np.median(height[len(height) // 2 - edge : len(height) // 2 + edge])
-    level = 0.5 * (left + right)
-    return bool(abs(middle - level) > 1.5 * abs(left - right) + 1e-12)
-
-
-def _downwards(height: np.ndarray, reach: str) -> tuple[np.ndarray, bool]:
-    """Depth positive downwards, and whether z had to be turned round."""
-    if reach == "half":
-        flipped = bool(np.median(height) < 0)
-    else:
-        edge = max(1, len(height) // 20)
-        ends = 0.5 * (np.median(height[:edge]) + np.median(height[-edge:]))
-        middle = np.median(height[len(height) // 2 - edge : len(height) // 2 + edge])
-        flipped = bool(middle < ends)
-    return (-height if flipped else height), flipped
-
-
-def _edges(position: np.ndarray, depth: np.ndarray) -> tuple[float, float]:
-    """First guess of the centre and of the surface of a full section."""
-    edge = max(1, len(depth) // 20)
-    surface = 0.5 * (np.median(depth[:edge]) + np.median(depth[-edge:]))
-    halfway = surface + 0.5 * (np.max(depth) - surface)
-    deep = np.flatnonzero(depth > halfway)
-    return float(0.5 * (position[deep[0]] + position[deep[-1]])), float(surface)
-
-
-def _require_possible_depth(depth: np.ndarray, cavity: TestCavity, reach: str, source: str) -> None:
-    reached = float(np.max(depth) - (np.min(depth) if reach == "full" else 0.0))
+def _require_possible_depth(reached: float, cavity: TestCavity, source: str) -> None:
     layers = cavity.layers or cavity.most_layers
-    # Noise may lift the deepest reading of an unworn electrode a little past the feed.
     if reached > 1.02 * layers * cavity.feed:
         raise InputError(
             f"{source} is {reached:.4g} um deep, but {layers} layers of {cavity.feed:g} um feed "
@@ -443,4 +454,6 @@ def _count_layers(
 
 
 def _square(result: FitResult) -> float:
-    return float(np.sum(result.residuals["data"] ** 2))
+    """Squared misfit, each reading in units of its own sigma where it has one."""
+    sigma = result.problem.datasets["data"].sigma
+    return float(np.sum((result.residuals["data"] / (1.0 if sigma is None else sigma)) ** 2))

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration.cli import console
+from procmodel.errors import InputError
 from procmodel.io import write_table
 
 FILES = ("cavity.csv", "fit.json", "fit.png", "plan.csv", "plan.nc", "plan.png")
@@ -25,7 +26,12 @@ def run_demo(folder: Path, command: Callable[[list[str]], object]) -> None:
     command : callable
         Runs the command with a list of arguments.
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"{folder}: this folder cannot be made ({error.strerror}): use another --folder."
+        ) from None
     profile = folder / "cavity.csv"
     x, z = simulated_profile()
     write_table(profile, {"x [um]": x, "z [um]": z}, decimals=3)

@@ -83,6 +83,10 @@ def fit_command(
             raise InputError(f"{name} is {value!r}, but must be one of {', '.join(known)}.")
     if not 0 <= gap < math.inf:
         raise InputError(f"--gap is {gap:g}, but must be 0 or more.")
+    if gap >= half_width:
+        raise InputError(f"--gap is {gap:g}, but must be below the half width {half_width:g}.")
+    if seed < 0:
+        raise InputError(f"--seed is {seed}, but must be 0 or more.")
     options.check_outputs(out, posterior, plot=plot)
     measured = read_profile(profile)
     if noise is not None and measured.sigma is not None:

@@ -130,6 +130,8 @@ def plan_command(
     if gcode is not None and (shape == "table" or finish_thickness is not None):
         raise InputError("--gcode is written for one stage of a pyramid, cone or hemisphere only.")
 
+    if template is not None and gcode is None:
+        raise InputError("--template is given without --gcode, the program it is for: give both.")
     options.check_outputs(out, gcode, plot=plot)
 
     from calibration.cli.runtime import prepare_jax
@@ -222,17 +224,15 @@ def _read_posterior(path: Path) -> Any:
         raise InputError(
             f"{path.name} cannot be read as netCDF: give the file of 'wear fit --posterior'."
         ) from None
-    if not tree.attrs.get("converged", 1):
-        console.say(f"procmodel: {path.name}: {tree.attrs.get('status')}")
     return tree
 
 
 def _read_fit(path: Path, area: float) -> tuple[Any, list[str]]:
     """Equally likely wear ratios from the JSON of a fit."""
     import numpy as np
-    from scipy.special import ndtri, stdtrit
 
-    from calibration.plans.belief import NODES
+    from calibration.plans.belief import NODES, different_area
+    from calibration.result import student_quantile
     from procmodel.io.textfile import read_utf8
 
     try:
@@ -240,7 +240,7 @@ def _read_fit(path: Path, area: float) -> tuple[Any, list[str]]:
         estimate = result["parameters"]["wear_ratio"]
         fitted_area = result["parameters"]["electrode_area"]["value"]
         value, std = estimate["value"], estimate["std"]
-        freedom, known = result["degrees_of_freedom"], result["reduced_chi2"] is not None
+        freedom = estimate["degrees_of_freedom"] or math.inf
     except (json.JSONDecodeError, KeyError, TypeError):
         raise InputError(
             f"{path.name} is not a result of a fit: give the JSON of 'wear fit --out'."
@@ -250,15 +250,10 @@ def _read_fit(path: Path, area: float) -> tuple[Any, list[str]]:
             f"{path.name} has no usable wear_ratio ({estimate['reason'] or result['status']}): "
             "fit again, or give --wear-ratio."
         )
-    notes = []
-    if abs(fitted_area / area - 1) > 1e-6:
-        notes.append(
-            f"the fit took an electrode area of {fitted_area:.6g} um^2 and the plan {area:.6g}: "
-            "wear_ratio carries over only as far as the first was right"
-        )
+    differs = abs(fitted_area / area - 1) > 1e-6
+    notes = [different_area(fitted_area, area)] if differs else []
     levels = (np.arange(NODES) + 0.5) / NODES
-    standard = ndtri(levels) if known else stdtrit(freedom, levels)
-    return np.maximum(value + std * standard, 0.0), notes
+    return np.maximum(value + std * student_quantile(levels, freedom), 0.0), notes
 
 
 def _solid(
@@ -317,7 +312,7 @@ def _write_schedule(path: Path, stages: list["Schedule"], gap: float) -> None:
         count = len(schedule.feeds)
         for header, values in {
             "layer": np.arange(1, count + 1),
-            "stage": np.full(count, stage),
+            "stage [1]": np.full(count, stage),
             "target z [um]": schedule.layers.bottom,
             "half width [um]": schedule.layers.half_width,
             "programmed half width [um]": np.maximum(schedule.layers.half_width - gap, 0.0),

@@ -1,12 +1,17 @@
 """`procmodel wear predict`: the wall that given feeds will leave."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from calibration.cli import console, options
 from procmodel.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from procmodel.io import Table
 
 
 def predict_command(
@@ -26,11 +31,15 @@ def predict_command(
         Path | None,
         typer.Option(
             "--schedule",
-            help="Instead of feed and step: CSV with 'half width [um]' and 'feed [um]'.",
+            help="Instead of feed and step: CSV with 'half width [um]' (cleared), 'feed [um]' and, "
+            "for other sections than --section, 'area [um^2]', as 'wear plan' writes.",
         ),
     ] = None,
     electrode_diameter: options.ElectrodeDiameter = None,
     electrode_area: options.ElectrodeArea = None,
+    stage: Annotated[
+        int | None, typer.Option("--stage", help="Which stage of a schedule with two.")
+    ] = None,
     gap: Annotated[float, typer.Option("--gap", help="Side gap [um].")] = 0.0,
     points: Annotated[int, typer.Option("--points", help="Points of the wall curve.")] = 201,
     resolution: options.Resolution = 0.1,
@@ -55,15 +64,24 @@ def predict_command(
     options.check_outputs(out, plot=plot)
     if points < 2:
         raise InputError(f"--points is {points}, but a curve needs 2 or more.")
+    areas = None
     if schedule is not None:
         if any(value is not None for value in (half_width, feed, step, layers)):
             raise InputError("--schedule stands instead of --half-width, --feed, --step, --layers.")
-        table = read_table(
-            schedule, [Column("half width", "um"), Column("feed", "um", positive=True)]
-        )
-        half_widths, feeds = table.values["half width"], table.values["feed"]
+        if gap > 0:
+            raise InputError("--gap is given with --schedule, whose half widths hold it: drop it.")
+        columns = [
+            Column("half width", "um"),
+            Column("feed", "um", positive=True),
+            Column("area", "um^2", required=False),
+            Column("stage", "1", required=False),
+        ]
+        table = read_table(schedule, columns)
+        rows = _rows_of_stage(table, stage, schedule.name)
+        half_widths, feeds = table.values["half width"][rows], table.values["feed"][rows]
+        areas = table.values["area"][rows] if "area" in table.values else None
         if np.any(np.diff(half_widths) > 0):
-            row = table.rows[int(np.argmax(np.diff(half_widths) > 0)) + 1]
+            row = table.rows[rows][int(np.argmax(np.diff(half_widths) > 0)) + 1]
             raise InputError(
                 f"{schedule.name}, row {row}: the half width grows again, but a layer must not be "
                 "wider than the one above: sort the rows from the surface down."
@@ -73,7 +91,7 @@ def predict_command(
 
     prepare_jax()
     from calibration.wear import TestCavity
-    from procmodel.wear import CircleSection, LayeredCavity, SquareSection
+    from procmodel.wear import CircleSection, SquareSection, cavity_depths, wall_depth
 
     if schedule is None:
         reason = "a cavity without --schedule"
@@ -84,23 +102,26 @@ def predict_command(
         test = TestCavity(section, x0, dx, dz, area, layers)  # type: ignore[arg-type]
         count = layers or test.most_layers
         half_widths, feeds = test.half_widths[:count], test.feeds[:count]
-    shape = SquareSection() if section == "square" else CircleSection()
-    cavity = LayeredCavity(half_widths, feeds, shape, wear_ratio, area, gap)
-    x = np.linspace(0.0, float(cavity.wall_positions[0]), points)
-    z = np.asarray(cavity.wall_depth(x))
+    if areas is None:
+        shape = SquareSection() if section == "square" else CircleSection()
+        areas = np.asarray(shape.area(half_widths, gap))
+    walls = half_widths + gap
+    depths = np.asarray(cavity_depths(feeds, areas, wear_ratio, area))
+    x = np.linspace(0.0, float(walls[0]), points)
+    z = np.asarray(wall_depth(x, walls, depths))
     result = {
         "layers": len(half_widths),
-        "depth": float(cavity.depths[-1]),
+        "depth": float(depths[-1]),
         "total_feed": float(np.sum(feeds)),
-        "electrode_length": float(cavity.electrode_length),
-        "corners": {"x": cavity.wall_positions, "z": cavity.depths},
+        "electrode_length": float(np.sum(feeds) - depths[-1]),
+        "corners": {"x": walls, "z": depths},
     }
     if out is not None:
         write_table(out, {"x [um]": x, "z [um]": z})
     if plot is not None:
         from calibration.plots.wear import draw_prediction, save
 
-        save(draw_prediction(cavity), plot)
+        save(draw_prediction(walls, depths, feeds), plot)
     text = (
         f"layers            {result['layers']}\n"
         f"depth             {result['depth']:.4f} um\n"
@@ -108,3 +129,16 @@ def predict_command(
         f"electrode length  {result['electrode_length']:.4f} um"
     )
     console.show(result, text, as_json)
+
+
+def _rows_of_stage(table: "Table", stage: int | None, name: str) -> "np.ndarray":
+    """Which rows of a schedule belong to the stage asked for."""
+    import numpy as np
+
+    numbers = table.values.get("stage", np.ones(len(table.rows)))
+    held = sorted({int(n) for n in numbers})
+    if stage is None and len(held) > 1:
+        raise InputError(f"{name} holds stages {held[0]} to {held[-1]}: choose one with --stage.")
+    if stage is not None and stage not in held:
+        raise InputError(f"{name} has no stage {stage}; it has {', '.join(map(str, held))}.")
+    return numbers == (held[0] if stage is None else stage)

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from calibration.plans.belief import believed_values
+from calibration.plans.belief import believed_wear_ratio
 from calibration.solvers import box_lm
 from procmodel.errors import InputError
 from procmodel.precision import require_float64
@@ -197,11 +197,11 @@ def exact_schedule(
         If wear ratio or area are out of range, or a feed is below the machine's resolution.
     """
     require_float64("A schedule")
-    believed = _believed_wear_ratio(wear_ratio, electrode_area)
+    believed, cautions = _believed(wear_ratio, electrode_area)
     middle = believed[len(believed) // 2]
     feeds = np.asarray(layer_feed(layers.thickness, layers.area, middle, electrode_area))
     status = f"exact feeds for {len(feeds)} layers by eq. (3)"
-    return _evaluated(layers, feeds, believed, electrode_area, machine, status, ())
+    return _evaluated(layers, feeds, believed, electrode_area, machine, status, cautions)
 
 
 def optimised_schedule(
@@ -227,7 +227,7 @@ def optimised_schedule(
     machine : Machine
         Resolution, times, electrode.
     feed_bounds : (float, float) [um]
-        Least and greatest feed of a layer. The least is raised to the resolution.
+        Least and greatest feed of a layer, taken inwards to whole steps of the resolution.
     trade : Trade
         What wall error is worth in time and electrode.
 
@@ -242,8 +242,13 @@ def optimised_schedule(
         If wear ratio, area, bounds or trade cannot be used.
     """
     require_float64("A schedule")
-    believed = _believed_wear_ratio(wear_ratio, electrode_area)
-    least, most = max(feed_bounds[0], machine.resolution), feed_bounds[1]
+    believed, cautions = _believed(wear_ratio, electrode_area)
+    # Inwards to whole steps: then the rounded increments keep the bounds too.
+    step = machine.resolution
+    least = step * math.ceil(max(feed_bounds[0], step) / step - 1e-9)
+    most = feed_bounds[1]
+    if math.isfinite(most):
+        most = step * math.floor(most / step + 1e-9)
     if not least < most:
         raise InputError(
             f"feed bounds ({feed_bounds[0]:g}, {most:g}) um must be increasing and above the "
@@ -263,7 +268,9 @@ def optimised_schedule(
     end = (
         "no feed inside the bounds lowers the cost" if converged else "the optimum was not reached"
     )
-    warnings = [] if converged else [f"{end}: the solver is {box_lm.STATUS[int(status_code)]}"]
+    warnings = list(cautions)
+    if not converged:
+        warnings.append(f"{end}: the solver is {box_lm.STATUS[int(status_code)]}")
     if held:
         warnings.append(
             f"the greatest feed of {most:g} um holds back {len(held)} layers (the first is "
@@ -338,13 +345,13 @@ def _minimise(start: Array, least: Array, most: Array, arguments: tuple) -> tupl
     return outcome.vector, outcome.status
 
 
-def _believed_wear_ratio(wear_ratio: Any, electrode_area: float) -> np.ndarray:
-    believed = believed_values(wear_ratio, "wear_ratio")
-    if believed[0] < 0:
-        raise InputError(f"wear ratio {believed[0]:g} is below 0: check it.")
+def _believed(wear_ratio: Any, electrode_area: float) -> tuple[np.ndarray, tuple[str, ...]]:
     if not (math.isfinite(electrode_area) and electrode_area > 0):
         raise InputError(f"electrode area {electrode_area:g} um^2 must be above 0.")
-    return believed
+    believed, cautions = believed_wear_ratio(wear_ratio, electrode_area)
+    if believed[0] < 0:
+        raise InputError(f"wear ratio {believed[0]:g} is below 0: check it.")
+    return believed, cautions
 
 
 def _evaluated(

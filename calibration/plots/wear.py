@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from calibration.plans.schedule import Schedule
+from calibration.result import student_quantile
 from calibration.wear import CavityFit
 from procmodel.io import writing
-from procmodel.wear import LayeredCavity
 
 # Okabe and Ito's colours, told apart by everyone.
 BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#7A7A7A"
@@ -89,31 +89,32 @@ def band_of(found: CavityFit, position: np.ndarray) -> np.ndarray:
     Returns
     -------
     ndarray, shape (m,) [um]
-        1.96 standard deviations of the wall; parameters without a variance are left out.
+        Quantile times the standard deviation of the wall, on the directions that the data see.
     """
     result = found.result
     values = {name: p.value for name, p in result.parameters.items()}
-    usable = [i for i in range(len(result.free)) if np.isfinite(result.covariance[i, i])]
+    covariance = result.seen_covariance
     middle = found.predict(position)
-    slopes = []
-    for i in usable:
-        name, step = result.free[i], 1e-3 * float(np.sqrt(result.covariance[i, i]))
-        moved = found.predict(position, values | {name: values[name] + step})
-        slopes.append((moved - middle) / step)
-    if not usable:
-        return np.zeros_like(middle)
-    jacobian = np.array(slopes).T
-    covariance = result.covariance[np.ix_(usable, usable)]
-    return 1.96 * np.sqrt(np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian))
+    jacobian = np.zeros((len(position), len(result.free)))
+    for i, name in enumerate(result.free):
+        step = 1e-3 * float(np.sqrt(covariance[i, i]))
+        if step > 0:
+            moved = found.predict(position, values | {name: values[name] + step})
+            jacobian[:, i] = (moved - middle) / step
+    std = np.sqrt(np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian))
+    freedom = np.inf if result.problem.noise_known else result.degrees_of_freedom
+    return student_quantile(0.975, freedom) * std
 
 
-def draw_prediction(cavity: LayeredCavity) -> Figure:
+def draw_prediction(walls: np.ndarray, depths: np.ndarray, feeds: np.ndarray) -> Figure:
     """Predicted wall, and the feed and wear of every layer.
 
     Parameters
     ----------
-    cavity : LayeredCavity
-        The cavity.
+    walls, depths : ndarray, shape (n,) [um]
+        Distance of the wall from the centre, and depth, of every layer.
+    feeds : ndarray, shape (n,) [um]
+        Feed of every layer.
 
     Returns
     -------
@@ -121,13 +122,11 @@ def draw_prediction(cavity: LayeredCavity) -> Figure:
         The figure.
     """
     figure, (wall, layers) = _two_panels()
-    x, z = np.asarray(cavity.wall_positions), np.asarray(cavity.depths)
-    _draw_wall(wall, x, z, BLUE, "predicted wall")
-    wall.set_title(f"{len(z)} layers, {z[-1]:.1f} µm deep", fontsize=10, loc="left")
+    _draw_wall(wall, walls, depths, BLUE, "predicted wall")
+    wall.set_title(f"{len(depths)} layers, {depths[-1]:.1f} µm deep", fontsize=10, loc="left")
     _depth_axis(wall)
     wall.set_xlabel("x [µm]")
-    feeds = np.broadcast_to(np.asarray(cavity.feeds), z.shape)
-    _draw_feeds(layers, feeds, np.asarray(cavity.electrode_wear), "")
+    _draw_feeds(layers, feeds, feeds - np.diff(depths, prepend=0.0), "")
     return figure
 
 

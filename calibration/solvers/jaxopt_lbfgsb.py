@@ -75,6 +75,7 @@ def _solve_compiled(
     # L-BFGS-B has no scaling of its own: without it, parameters of very different size stall.
     norms = jnp.linalg.norm(jax.jacfwd(residuals)(start, arguments), axis=0)
     misfit = 0.5 * jnp.sum(residuals(start, arguments) ** 2)
+    misfit = jnp.where(misfit > 0, misfit, 1.0)
     unit = jnp.sqrt(misfit) / jnp.where(norms > 0, norms, 1.0)
 
     def objective(scaled: Array) -> Array:

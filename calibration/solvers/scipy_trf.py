@@ -8,6 +8,7 @@ import scipy.optimize
 
 from calibration.solvers.box_lm import Residuals
 from calibration.solvers.outcome import Outcome, finished, jacobian_at, value_at
+from procmodel.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,10 @@ class ScipyTrfOptions:
 
     max_steps: int = 1000
     tolerance: float = 1e-12
+
+    def __post_init__(self) -> None:
+        if self.max_steps < 1:
+            raise InputError(f"max_steps is {self.max_steps}, but must be 1 or more.")
 
 
 def solve(

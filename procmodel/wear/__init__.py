@@ -24,7 +24,6 @@ from procmodel.wear.sections import (
     PolygonSection,
     Section,
     SquareSection,
-    corner_deficit,
 )
 from procmodel.wear.solids import (
     Hemisphere,
@@ -55,7 +54,6 @@ __all__ = [
     "cone",
     "constant_step_half_widths",
     "continuous_wall_depth",
-    "corner_deficit",
     "electrode_wear",
     "layer_depth",
     "layer_feed",

@@ -9,7 +9,7 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from procmodel.wear.layers import cavity_depths, electrode_wear
-from procmodel.wear.sections import Section
+from procmodel.wear.sections import AnnulusSection, Section
 
 
 class LayeredCavity(eqx.Module):
@@ -87,7 +87,18 @@ class StagedCavity(eqx.Module):
     def wall_depth(self, position: ArrayLike, edge_width: ArrayLike = 0.0) -> Array:
         """Depth of the finished wall: the roughed floor, the finished wall outside it."""
         rough = self.roughing.wall_depth(position, edge_width)
-        return jnp.maximum(rough, self.finishing.wall_depth(position, edge_width))
+        finished = self.finishing.wall_depth(position, edge_width)
+        innermost = self.finishing.wall_positions[-1] - self._ring
+        in_ring = jnp.abs(jnp.asarray(position)) >= innermost
+        return jnp.maximum(rough, jnp.where(in_ring, finished, 0.0))
+
+    @property
+    def _ring(self) -> Array:
+        """Thickness of the last finishing layer; the whole width if it is no ring."""
+        section = self.finishing.section
+        if not isinstance(section, AnnulusSection):
+            return self.finishing.wall_positions[-1]
+        return jnp.broadcast_to(section.thickness, self.finishing.wall_positions.shape)[-1]
 
     @property
     def electrode_lengths(self) -> Array:

@@ -187,6 +187,12 @@ def continuous_wall_depth(
     Array [um]
         z(X) = slope [atan(k X0) - atan(k X)] / k with k = sqrt(area_factor rho).
     """
-    k = jnp.sqrt(area_factor * jnp.asarray(wear_per_area))
-    difference = jnp.arctan(k * jnp.asarray(half_width)) - jnp.arctan(k * jnp.asarray(position))
-    return jnp.asarray(slope) * difference / k
+    square = area_factor * jnp.asarray(wear_per_area)
+    worn = square > 0
+    # The double `where`: without wear the wall is straight, and sqrt'(0) must not be evaluated.
+    k = jnp.sqrt(jnp.where(worn, square, 1.0))
+    half_width, position = jnp.asarray(half_width), jnp.asarray(position)
+    curved = (jnp.arctan(k * half_width) - jnp.arctan(k * position)) / k
+    # To first order in rho, so that the gradient at rho = 0 is the right one.
+    straight = half_width - position - square * (half_width**3 - position**3) / 3.0
+    return jnp.asarray(slope) * jnp.where(worn, curved, straight)

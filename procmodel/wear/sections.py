@@ -8,7 +8,6 @@ Lengths in um, areas in um^2.
 """
 
 import abc
-import math
 
 import equinox as eqx
 import jax
@@ -53,18 +52,18 @@ class SquareSection(Section):
     ----------
     corner_radius : float [um]
         Radius of the round electrode whose corners stay uncut: the corner is then rounded
-        with this radius + gap. 0 for the sharp square of eq. (5).
+        with this radius + gap. 0 for the sharp square of eq. (5). Where the half width is below
+        the radius, the electrode alone cuts its own circle.
     """
 
     corner_radius: ArrayLike = 0.0
 
     def area(self, half_width: ArrayLike, gap: ArrayLike = 0.0) -> Array:
         """Area cleared at a programmed half width [um^2]; see `Section.area`."""
-        cleared = jnp.asarray(half_width) + jnp.asarray(gap)
         radius = jnp.asarray(self.corner_radius)
-        # Below the electrode's own radius the opening is the circle that just fits.
-        radius = jnp.where(radius > 0, jnp.minimum(radius + gap, cleared), 0.0)
-        return 4.0 * cleared**2 - (4.0 - jnp.pi) * radius**2
+        cleared = jnp.maximum(jnp.asarray(half_width), radius) + jnp.asarray(gap)
+        rounding = jnp.where(radius > 0, radius + jnp.asarray(gap), 0.0)
+        return 4.0 * cleared**2 - (4.0 - jnp.pi) * rounding**2
 
 
 class CircleSection(Section):
@@ -83,8 +82,8 @@ class AnnulusSection(Section):
     outer : Section
         The section after finishing.
     thickness : array_like [um]
-        Radial thickness removed, one for all layers or one for each. The uniform wear method wants more than half the
-        electrode's size, so that the bottom does the cutting (paper, section 3.4).
+        Radial thickness removed, one for all layers or one for each. The uniform wear method wants
+        more than half the electrode's size, so that the bottom does the cutting (section 3.4).
     """
 
     outer: Section
@@ -105,7 +104,8 @@ class PolygonSection(Section):
 
     The area is that of the morphological opening of the cleared polygon by a disc of the
     electrode's radius + gap: what a round electrode can clear, shapely's polygons with 128
-    segments per quarter circle. Necks narrower than the electrode stay uncut.
+    segments per quarter circle. Necks narrower than the electrode stay uncut; where nothing of a
+    layer is wide enough, the electrode plunges and cuts its own circle.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ class PolygonSection(Section):
             reason = shapely.is_valid_reason(polygon)
             raise InputError(f"vertices cross or repeat ({reason}): list the corners in order.")
         inscribed = shapely.maximum_inscribed_circle(polygon, tolerance=1e-6)
-        if not 0 < electrode_radius <= inscribed.length:
+        if not 0 < electrode_radius <= inscribed.length * (1 + 1e-6):
             raise InputError(
                 f"electrode_radius {electrode_radius:g} um does not fit the polygon, whose largest "
                 f"inscribed circle has a radius of {inscribed.length:g} um: go thinner."
@@ -196,28 +196,6 @@ def _dilated_area(polygon: shapely.Polygon, inset: float, reach: float) -> float
     """Area of the electrode centre's region (the polygon eroded) grown by the reach."""
     centres = polygon.buffer(-inset, quad_segs=_QUAD_SEGMENTS)
     if centres.is_empty:
-        return 0.0
+        # Narrower than the electrode everywhere: it plunges, and cuts its own circle.
+        return np.pi * max(reach, 0.0) ** 2
     return centres.buffer(reach, quad_segs=_QUAD_SEGMENTS).area
-
-
-def corner_deficit(section: Section, half_width: float, electrode_radius: float) -> float:
-    """Share of a sharp-cornered section that a round electrode leaves uncut.
-
-    Parameters
-    ----------
-    section : Section
-        The section; only a square with sharp corners has such a share.
-    half_width : float [um]
-        Programmed half width.
-    electrode_radius : float [um]
-        Radius of the electrode.
-
-    Returns
-    -------
-    float [-]
-        Uncut corner area over section area; 0 for round sections.
-    """
-    if not isinstance(section, SquareSection):
-        return 0.0
-    radius = min(electrode_radius, half_width)
-    return (4.0 - math.pi) * radius**2 / (4.0 * half_width**2)

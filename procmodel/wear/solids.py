@@ -20,6 +20,8 @@ from procmodel.wear.sections import AnnulusSection, CircleSection, Section, Squa
 
 Level = Literal["paper", "top", "middle", "bottom"]
 
+_THIN_REMAINDER = 0.1
+
 
 class Solid(eqx.Module):
     """A cavity to be made: a section whose half width depends on the depth."""
@@ -314,7 +316,9 @@ def split_for_finishing(
 def slice_solid(
     solid: Solid, layer_depth: float, depth: float | None = None, level: Level = "paper"
 ) -> TargetLayers:
-    """Cut a solid into layers of equal depth; the last one is thinner when they do not divide.
+    """Cut a solid into layers of equal depth; the last takes what does not divide.
+
+    A remainder of more than a tenth of a layer is a thinner layer, a smaller one deepens the last.
 
     Parameters
     ----------
@@ -352,8 +356,8 @@ def slice_solid(
         raise InputError(
             f"layer depth {layer_depth:g} um must be above 0 and at most the depth {depth:g} um."
         )
-    # A remainder below 1e-6 of a layer is rounding of the division, not a layer.
-    count = math.ceil(depth / layer_depth - 1e-6)
+    # A thin remainder is no layer of its own: the last layer becomes so much deeper.
+    count = max(1, math.ceil(depth / layer_depth - _THIN_REMAINDER))
     bottom = np.minimum(np.arange(1, count + 1) * layer_depth, depth)
     bottom[-1] = depth
     thickness = np.diff(bottom, prepend=0.0)

@@ -107,7 +107,7 @@ def test_finishing_stage(tmp_path, run_json):
     removed = roughing["electrode_length"] * AREA / 0.2
     removed += finishing["electrode_length"] * math.pi * 25.0**2 / 0.3
     assert removed == pytest.approx(one["electrode_length"] * AREA / 0.2, rel=2e-3)
-    assert set(read(out)["stage"]) == {1.0, 2.0}
+    assert set(read(out)["stage [1]"]) == {1.0, 2.0}
     thin = run_json("wear", "plan", *common, "--finish-thickness", 20, "--finish-wear-ratio", 0.3,
                     "--finish-electrode-diameter", 50)  # fmt: skip
     assert any("half the finishing electrode" in w for w in thin["warnings"])
