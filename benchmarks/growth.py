@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
@@ -16,43 +17,45 @@ CAVITY_DEPTH = 200.0
 
 
 def run(section: Section, sizes: Sizes) -> None:
-    section.text("Wear ratio and gap from one wall. Growth is the time over that of the row above.")
+    section.text(
+        "Wear ratio and gap from one wall. Growth is the time over that of "
+        "the same contestant with fewer."
+    )
     cases = {count: wall_case(readings=count) for count in sizes.readings}
     _grow(section, "readings", cases, sizes.growth_repeats, "100 layers")
     readings = sizes.readings[1]
     cases = {
-        count: wall_case(readings, layers=count, step=CAVITY_DEPTH / count) for count in sizes.layers
+        count: wall_case(readings, layers=count, step=CAVITY_DEPTH / count)
+        for count in sizes.layers
     }
     _grow(section, "layers", cases, sizes.growth_repeats, f"{readings} readings")
 
 
-def _grow(
-    section: Section, what: str, cases: dict[int, Case], repeats: int, beside: str
-) -> None:
-    rows: list[list[str]] = []
-    seconds: dict[int, dict[str, np.ndarray]] = {}
+def _grow(section: Section, what: str, cases: dict[int, Case], repeats: int, beside: str) -> None:
+    calls = {}
     for count, case in cases.items():
         case.require_same_model()
-        y, fitters = case.readings(1), case.fitters()
-        first = measure.first_call(lambda fitters=fitters, y=y: fitters["ours"](y))
-        calls = {name: (lambda f=fitter, y=y: f(y)) for name, fitter in fitters.items()}
-        seconds[count] = measure.interleaved(calls, repeats)
+        y = case.readings(1)
+        for name, fitter in case.fitters().items():
+            calls[count, name] = partial(fitter, y)
+    seconds = measure.interleaved(calls, repeats).seconds
+    rows = []
+    for count, name in calls:
         before = _before(list(cases), count)
-        for name, times in seconds[count].items():
-            rows.append(
-                [
-                    f"{count}",
-                    name,
-                    measure.time_spread(times),
-                    measure.spread(times / seconds[count]["ours"]),
-                    "" if before is None else measure.spread(times / seconds[before][name]),
-                    f"{first:.2f} s" if name == "ours" else "",
-                ]
-            )
+        times = seconds[count, name]
+        rows.append(
+            [
+                f"{count}",
+                name,
+                measure.time_spread(times),
+                measure.ratio(times, seconds[count, "ours"]),
+                "" if before is None else measure.ratio(times, seconds[before, name]),
+            ]
+        )
     section.heading(f"{what.capitalize()}, {beside}")
-    section.table([what, "contestant", "time", "time / ours", "growth", "first call"], rows)
+    section.table([what, "contestant", "time", "time / ours", "growth"], rows)
     for small, large in itertools.pairwise(cases):
-        growth = float(np.median(seconds[large]["ours"]) / np.median(seconds[small]["ours"]))
+        growth = float(np.median(seconds[large, "ours"] / seconds[small, "ours"]))
         section.target(
             f"time of one fit, {small} to {large} {what}",
             f"at most {large / small:g} times, linear",

@@ -6,6 +6,7 @@ import os
 import platform
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,56 +16,82 @@ LIBRARIES = ("jax", "jaxlib", "numpy", "scipy", "lmfit", "emcee", "equinox", "pr
 _UNITS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"))
 
 
-def interleaved(
-    contestants: Mapping[str, Callable[[], Any]], repeats: int, least_seconds: float = 0.05
-) -> dict[str, np.ndarray]:
-    """Seconds per call of every contestant, shape (repeats,) each.
+@dataclass(frozen=True)
+class Turns[Name]:
+    """Contestants that took turns.
+
+    Attributes
+    ----------
+    seconds : dict of ndarray, shape (repeats,)
+        Seconds per call of every contestant.
+    outcomes : dict
+        What the last call of every contestant returned.
+    """
+
+    seconds: dict[Name, np.ndarray]
+    outcomes: dict[Name, Any]
+
+
+def interleaved[Name](
+    contestants: Mapping[Name, Callable[[], Any]], repeats: int, least_seconds: float = 0.05
+) -> Turns[Name]:
+    """Time all contestants in turns.
 
     One repeat gives every contestant a block of calls, long enough for the clock; the order
-    rotates, so that a slow spell of the machine does not always hit the same one. Everything
-    has been called before the first block.
+    rotates, so that a slow spell of the machine does not always hit the same one. Every call
+    is made once or twice before the first block.
     """
     names = list(contestants)
     calls = {name: _calls_of(contestants[name], least_seconds) for name in names}
-    seconds: dict[str, list[float]] = {name: [] for name in names}
+    seconds: dict[Name, list[float]] = {name: [] for name in names}
+    outcomes: dict[Name, Any] = {}
     for repeat in range(repeats):
         shift = repeat % len(names)
         for name in names[shift:] + names[:shift]:
-            seconds[name].append(_block(contestants[name], calls[name]))
-    return {name: np.array(values) for name, values in seconds.items()}
+            taken, outcomes[name] = _block(contestants[name], calls[name])
+            seconds[name].append(taken)
+    return Turns({name: np.array(values) for name, values in seconds.items()}, outcomes)
 
 
 def _calls_of(call: Callable[[], Any], least_seconds: float) -> int:
-    call()
-    once = _block(call, 1)
+    once, _ = _block(call, 1)
+    if once < 20.0 * least_seconds:  # it may have compiled or imported: judge by the second
+        once, _ = _block(call, 1)
     return max(1, round(least_seconds / once))
 
 
-def _block(call: Callable[[], Any], calls: int) -> float:
-    """Mean seconds of a number of calls, garbage collected before and not during them."""
+def _block(call: Callable[[], Any], calls: int) -> tuple[float, Any]:
+    """Mean seconds of a number of calls, without garbage collection, and the last outcome."""
     gc.collect()
     gc.disable()
     try:
         begin = time.perf_counter()
         for _ in range(calls):
-            call()
-        return (time.perf_counter() - begin) / calls
+            outcome = call()
+        return (time.perf_counter() - begin) / calls, outcome
     finally:
         gc.enable()
 
 
-def first_call(call: Callable[[], Any]) -> float:
-    """Seconds of a call with nothing compiled yet."""
+def first_call[Outcome](call: Callable[[], Outcome]) -> tuple[float, Outcome]:
+    """Seconds of a call with nothing compiled yet, and what it returned."""
     import jax
 
     jax.clear_caches()
-    return _block(call, 1)
+    begin = time.perf_counter()
+    outcome = call()
+    return time.perf_counter() - begin, outcome
 
 
 def spread(values: np.ndarray, digits: int = 3) -> str:
     """Median and quartiles of dimensionless numbers, as text."""
     low, middle, high = np.quantile(values, [0.25, 0.5, 0.75])
     return f"{middle:.{digits}g} ({low:.{digits}g}–{high:.{digits}g})"
+
+
+def ratio(of: np.ndarray, to: np.ndarray) -> str:
+    """Ratio of times taken in the same repeats, as text."""
+    return "1" if of is to else spread(of / to)
 
 
 def time_spread(seconds: np.ndarray) -> str:
@@ -76,11 +103,15 @@ def time_spread(seconds: np.ndarray) -> str:
 
 def peak_memory() -> float:
     """Greatest memory that this process has held so far [MiB]."""
-    import resource
+    # Not getrusage on Linux: there a process starts with the peak of the one that started it.
+    try:
+        lines = Path("/proc/self/status").read_text().splitlines()
+        return next(float(line.split()[1]) / 2**10 for line in lines if line.startswith("VmHWM"))
+    except OSError:
+        import resource
 
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    # Kilobytes on Linux, bytes on macOS.
-    return peak / (2**20 if platform.system() == "Darwin" else 2**10)
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        return peak / (2**20 if platform.system() == "Darwin" else 2**10)
 
 
 def machine() -> list[str]:

@@ -1,5 +1,7 @@
 """One fit: time and result of ours beside curve_fit and lmfit."""
 
+from functools import partial
+
 import numpy as np
 
 from benchmarks import measure
@@ -26,10 +28,10 @@ def _compare(section: Section, case: Case, repeats: int) -> None:
     case.require_same_model()
     y = case.readings(SEED)
     fitters = case.fitters()
-    first = measure.first_call(lambda: fitters["ours"](y))
-    outcomes = {name: case.estimate(fitter(y)) for name, fitter in fitters.items()}
-    calls = {name: (lambda fitter=fitter: fitter(y)) for name, fitter in fitters.items()}
-    seconds = measure.interleaved(calls, repeats)
+    first, _ = measure.first_call(lambda: fitters["ours"](y))
+    turns = measure.interleaved({name: partial(f, y) for name, f in fitters.items()}, repeats)
+    seconds = turns.seconds
+    outcomes = {name: case.estimate(outcome) for name, outcome in turns.outcomes.items()}
     ours = outcomes["ours"]
     best = min(case.misfit(e.values, y) for e in outcomes.values())
 
@@ -41,7 +43,7 @@ def _compare(section: Section, case: Case, repeats: int) -> None:
             [
                 name,
                 measure.time_spread(seconds[name]),
-                measure.spread(seconds[name] / seconds["ours"]),
+                measure.ratio(seconds[name], seconds["ours"]),
                 f"{estimate.values[0]:.9f} ± {estimate.stds[0]:.6f}",
                 "" if name == "ours" else f"{difference:.1e}",
                 f"{case.misfit(estimate.values, y) / best - 1.0:.1e}",

@@ -100,7 +100,9 @@ class LmfitFit:
         result = model.fit(y, params, x=x)
         errors = [result.params[name].stderr for name in self.names]
         stds = [float("nan") if error is None else error for error in errors]
-        return Estimate(np.array([result.params[name].value for name in self.names]), np.array(stds))
+        return Estimate(
+            np.array([result.params[name].value for name in self.names]), np.array(stds)
+        )
 
 
 class PlanProblem:

@@ -1,5 +1,7 @@
 """The results as Markdown: sections with tables, and every target met or missed."""
 
+import sys
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -48,7 +50,9 @@ class Section:
         blocks = [f"## {self.title}", *self.blocks]
         if self.failure:
             blocks.append(f"**This part failed:** {self.failure}")
-        blocks += [f"Target {t.verdict}: {t.what}: {t.found} (wanted {t.wanted})." for t in self.targets]
+        # Those that were met stand in the summary alone.
+        missed = [t for t in self.targets if not t.met]
+        blocks += [f"Target {t.verdict}: {t.what}: {t.found} (wanted {t.wanted})." for t in missed]
         return "\n\n".join([*blocks, f"This part took {self.seconds:.0f} s."])
 
 
@@ -75,7 +79,8 @@ def render(sections: Sequence[Section], machine: Sequence[str], seconds: float) 
         "\n".join(f"- {line}" for line in [*machine, f"the whole run took {seconds:.0f} s"]),
         "\n\n".join([f"## {summary.title}", *summary.blocks]),
     ]
-    return "\n\n".join([*head, *(section.render() for section in sections)]) + "\n"
+    page = "\n\n".join([*head, *(section.render() for section in sections)]) + "\n"
+    return _without_folders(page)
 
 
 def write(text: str) -> Path:
@@ -84,6 +89,15 @@ def write(text: str) -> Path:
 
     write_text(RESULTS, text)
     return RESULTS
+
+
+def _without_folders(page: str) -> str:
+    """The page without this machine's folders, which an error message may name."""
+    folders = [RESULTS.parents[1], sys.prefix, sys.base_prefix, tempfile.gettempdir(), Path.home()]
+    for folder in sorted(map(str, folders), key=len, reverse=True):
+        if len(folder) > 1:
+            page = page.replace(folder, "...")
+    return page
 
 
 def _cell(value: str) -> str:

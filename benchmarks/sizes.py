@@ -27,12 +27,12 @@ FULL = Sizes(
     batch_repeats=5,
     readings=(100, 1000, 10_000),
     layers=(100, 1000),
-    growth_repeats=7,
+    growth_repeats=5,
     cavities=1000,
     process_repeats=9,
     plan_layers=(125, 500),
     plan_repeats=5,
-    draws=16_000,
+    draws=8_000,
     sampling_repeats=5,
 )
 

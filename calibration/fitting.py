@@ -61,7 +61,7 @@ def fit(problem: Problem, solver: str = "box_lm", **options: Any) -> FitResult:
     """
     require_float64("A fit")
     run = _solver(solver, options)
-    evidence = problem.size + len(problem.layout.priors)
+    evidence = problem.size + problem.informing_priors
     if evidence < len(problem.layout.free):
         raise InputError(
             f"{problem.size} readings cannot fit {len(problem.layout.free)} free parameters "
@@ -69,7 +69,7 @@ def fit(problem: Problem, solver: str = "box_lm", **options: Any) -> FitResult:
         )
     lower, upper = problem.layout.internal_bounds()
     # One data set without priors: its noise level scales everything alike, no need to repeat.
-    alone = len(problem.datasets) == 1 and not problem.layout.priors
+    alone = len(problem.datasets) == 1 and not problem.informing_priors
     levels = (1.0,) if alone else _first_noise_levels(problem)
     start, rounds, steps = problem.start, 1, 0
     while True:
@@ -151,12 +151,9 @@ def _held_at_bounds(outcome: Outcome, lower: np.ndarray, upper: np.ndarray) -> n
     # Solvers of other libraries stop just inside: near is what hardly moves the residuals.
     rms = np.sqrt(np.mean(outcome.residuals**2))
     effect = np.linalg.norm(outcome.jacobian, axis=0)
-    low = (outcome.vector - lower) * effect <= _AT_BOUND * rms
-    high = (upper - outcome.vector) * effect <= _AT_BOUND * rms
-    low, high = low & (effect > 0), high & (effect > 0)
-    return ((outcome.vector <= lower) | low) & (gradient >= 0) | (
-        ((outcome.vector >= upper) | high) & (gradient <= 0)
-    )
+    near = np.divide(_AT_BOUND * rms, effect, out=np.zeros_like(effect), where=effect > 0)
+    at_lower = (outcome.vector - lower <= near) & (gradient >= 0)
+    return at_lower | ((upper - outcome.vector <= near) & (gradient <= 0))
 
 
 def _require_readings_for_noise(problem: Problem, outcome: Outcome) -> None:
@@ -186,6 +183,6 @@ def _noise_levels(
             continue
         free = len(dataset.y) - float(np.sum(analysis.leverage[part]))
         square = float(np.sum(outcome.residuals[part] ** 2)) * level**2
-        floor = np.finfo(float).eps * max(float(np.max(np.abs(dataset.y))), 1e-300)
+        floor = np.finfo(float).eps * (float(np.max(np.abs(dataset.y))) or 1.0)
         estimates.append(max(float(np.sqrt(square / free)), floor) if free > 1e-6 else floor)
     return tuple(estimates)

@@ -276,16 +276,15 @@ class ParameterLayout:
     def internal_bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Bounds of the solver's vector: lower and upper, each of shape (p,)."""
         lower, upper = [], []
-        for transform, (low, high) in zip(self.transforms, self.bounds, strict=True):
+        for transform, between, (low, high) in zip(
+            self.transforms, self.ranges, self.bounds, strict=True
+        ):
+            open_low, open_high = (0.0, math.inf) if between is None else between
             if transform == "identity":
-                lower.append(low)
-                upper.append(high)
-            elif transform == "log":
-                lower.append(math.log(low) if low > 0 else -math.inf)
-                upper.append(math.log(high) if math.isfinite(high) else math.inf)
-            else:
-                lower.append(-math.inf)
-                upper.append(math.inf)
+                open_low, open_high = -math.inf, math.inf
+            # The ends of a transform's own range lie at infinity.
+            lower.append(_to_internal(low, transform, between) if low > open_low else -math.inf)
+            upper.append(_to_internal(high, transform, between) if high < open_high else math.inf)
         return np.array(lower), np.array(upper)
 
 
@@ -295,6 +294,11 @@ def _supported_bounds(name: str, parameter: Parameter) -> tuple[float, float]:
         return parameter.bounds
     low, high = parameter.prior.support
     lower, upper = max(low, parameter.bounds[0]), min(high, parameter.bounds[1])
+    if not lower < upper:
+        raise InputError(
+            f"parameter {name!r}: its prior {parameter.prior} is zero between its bounds "
+            f"({parameter.bounds[0]:g}, {parameter.bounds[1]:g}): change one of them."
+        )
     if not lower <= parameter.value <= upper:
         raise InputError(
             f"parameter {name!r} starts at {parameter.value:g}, where its prior "

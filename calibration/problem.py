@@ -253,6 +253,11 @@ class Problem:
         return sum(len(d.y) for d in self.datasets.values())
 
     @property
+    def informing_priors(self) -> int:
+        """Number of priors that count like a reading each."""
+        return sum(prior.informs for _, prior in self.layout.priors)
+
+    @property
     def noise_known(self) -> bool:
         """Whether every data set came with its sigma."""
         return all(self.structure.noise_known)

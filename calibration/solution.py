@@ -107,8 +107,7 @@ class Solution:
     @cached_property
     def freedom(self) -> int:
         """Readings and informative priors less parameters determined."""
-        informing = sum(prior.informs for _, prior in self.problem.layout.priors)
-        return self.problem.size + informing - self.analysis.rank
+        return self.problem.size + self.problem.informing_priors - self.analysis.rank
 
     def freedom_of(self, gradient: np.ndarray) -> float:
         """Degrees of freedom of a quantity's standard deviation (Welch and Satterthwaite).
@@ -217,7 +216,7 @@ class Solution:
             reason = "its interval comes from the prior alone"
             return estimate("flat", reason, std, interval, freedom)
         below, above = self._reaches_bounds(name, interval, std)
-        lower, upper = self.problem.parameters[name].bounds
+        lower, upper = self._bounds(name)
         cut = (max(interval[0], lower), min(interval[1], upper))
         if below and above:
             reason = f"its 95 % interval is as wide as its bounds ({lower:g}, {upper:g})"
@@ -228,6 +227,11 @@ class Solution:
             return estimate("one-sided", reason, std, cut, freedom)
         return estimate("identified", "", std, interval, freedom)
 
+    def _bounds(self, name: str) -> tuple[float, float]:
+        """Bounds of a parameter, cut to where its prior is not zero."""
+        layout = self.problem.layout
+        return layout.bounds[layout.free.index(name)] if name in layout.free else (-np.inf, np.inf)
+
     def _reaches_bounds(
         self, name: str, interval: tuple[float, float], std: float
     ) -> tuple[bool, bool]:
@@ -236,7 +240,7 @@ class Solution:
         A transform keeps its interval inside the bounds by construction: there, being as good
         as at the bound is what counts.
         """
-        lower, upper = self.problem.parameters[name].bounds
+        lower, upper = self._bounds(name)
         layout = self.problem.layout
         transform = "identity"
         if name in layout.free:

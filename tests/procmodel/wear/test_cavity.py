@@ -101,14 +101,24 @@ def test_staged_electrode_lengths_follow_each_stages_wear_ratio(staged):
 def test_staged_wall_is_the_finished_one_outside_and_the_roughed_floor_inside(staged):
     # Beyond the roughed opening only finishing has cut.
     outside = np.linspace(196.5, 201.0, 7)
-    np.testing.assert_array_equal(
-        staged.wall_depth(outside), staged.finishing.wall_depth(outside)
-    )
+    np.testing.assert_array_equal(staged.wall_depth(outside), staged.finishing.wall_depth(outside))
     everywhere = np.linspace(-220.0, 220.0, 401)
     both = [np.asarray(s.wall_depth(everywhere)) for s in (staged.roughing, staged.finishing)]
     np.testing.assert_array_equal(staged.wall_depth(everywhere), np.maximum(*both))
     # Both stages matter somewhere, or the test could not tell them apart.
     assert np.any(both[0] > both[1] + 0.1) and np.any(both[1] > both[0] + 0.1)
+
+
+def test_finishing_deeper_than_roughing_cuts_its_ring_and_not_the_floor(staged):
+    finishing = staged.finishing
+    deeper = LayeredCavity(finishing.half_widths, 6.0, finishing.section, 0.26, 0.5 * AREA, 1.5)
+    both = StagedCavity(staged.roughing, deeper)
+    # The last layer's ring reaches from 98.5 to 106.5 um; nothing is finished inside it.
+    assert float(deeper.depths[-1]) > float(staged.roughing.depths[-1]) + 1.0
+    inside = np.array([0.0, 50.0, 97.9])
+    np.testing.assert_allclose(both.wall_depth(inside), staged.roughing.depths[-1], rtol=1e-12)
+    ring = np.array([99.1, 106.0])
+    np.testing.assert_allclose(both.wall_depth(ring), deeper.depths[-1], rtol=1e-12)
 
 
 def test_more_finishing_wear_costs_only_finishing_electrode(staged):

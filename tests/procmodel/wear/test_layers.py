@@ -162,5 +162,15 @@ def test_little_wear_leaves_the_programmed_slope():
     np.testing.assert_allclose(depth, [200.0, 120.0, 0.0], atol=1e-6)
 
 
+def test_without_wear_the_wall_is_straight_and_its_derivative_the_limit():
+    def wall(rho):
+        return continuous_wall_depth(30.0, 100.0, rho)
+
+    assert float(wall(0.0)) == 70.0
+    # d z / d rho at 0 is -(area factor) (X0^3 - X^3) / 3.
+    assert float(jax.grad(wall)(0.0)) == pytest.approx(-4.0 * (100.0**3 - 30.0**3) / 3.0)
+    assert float(jax.grad(wall)(1e-9)) == pytest.approx(float(jax.grad(wall)(0.0)), rel=1e-3)
+
+
 def test_constant_step_half_widths():
     np.testing.assert_allclose(constant_step_half_widths(10.0, 2.5, 4), [10.0, 7.5, 5.0, 2.5])
