@@ -122,10 +122,10 @@ def square_depths(params: dict[str, Any], x: dict[str, Any]) -> Any:
 
 
 def wall_case(readings: int = 100, layers: int = 100, step: float = 2.0) -> Case:
-    """Wear ratio and gap from one wall, read from the centre out to the untouched surface."""
+    """Wear ratio and gap from one wall, read from the centre out to the upper edge."""
     return _profile_case(
-        f"wear ratio and gap from {readings} readings of one wall",
-        np.linspace(0.0, 260.0, readings),
+        "wear ratio and gap from {} readings of one wall",
+        np.linspace(0.0, HALF_WIDTH, readings),
         TestCavity("square", HALF_WIDTH, step, step, peers.ELECTRODE_AREA, layers=layers),
         {"wear_ratio": WEAR_RATIO, "gap": 3.0},
     )
@@ -134,7 +134,7 @@ def wall_case(readings: int = 100, layers: int = 100, step: float = 2.0) -> Case
 def full_case(readings: int = 201) -> Case:
     """The same and the instrument's centre, zero and tilt, from a full section."""
     return _profile_case(
-        f"wear ratio, gap, centre, zero and tilt from {readings} readings of a full section",
+        "wear ratio, gap, centre, zero and tilt from {} readings of a full section",
         np.linspace(-300.0, 300.0, readings),
         TestCavity("square", HALF_WIDTH, 2.0, 2.0, peers.ELECTRODE_AREA, layers=100),
         {"wear_ratio": WEAR_RATIO, "gap": 3.0, "centre": 1.5, "zero": 0.7, "tilt": 0.002},
@@ -143,11 +143,15 @@ def full_case(readings: int = 201) -> Case:
 
 def _profile_case(title: str, x: np.ndarray, cavity: TestCavity, true: dict[str, float]) -> Case:
     walls = cavity.half_widths[: cavity.layers]
-    model = peers.wall_model(walls, cavity.feed, float(np.median(np.diff(x))))
+    model = peers.wall_model(walls, cavity.feed, edge_width=float(np.median(np.diff(x))))
     y = model(x, *true.values()) + np.random.default_rng(0).normal(0.0, NOISE, len(x))
     reach = "full" if "centre" in true else "half"
-    template = fit_cavity(x, y, cavity, gap=START_GAP, fit_gap=True, reach=reach).result.problem
+    found = fit_cavity(x, y, cavity, gap=START_GAP, fit_gap=True, reach=reach)
+    template = found.result.problem
     data, names = template.datasets["data"], template.layout.free
+    # Readings beside the upper edge were left out; everyone gets the same ones.
+    x = found.position
+    model = peers.wall_model(walls, cavity.feed, float(data.x["edge_width"]))
     function = template.structure.functions[0]
     parameters = {name: template.parameters[name] for name in names}
 
@@ -155,7 +159,7 @@ def _profile_case(title: str, x: np.ndarray, cavity: TestCavity, true: dict[str,
         return Problem.from_function(function, template.parameters, data.x, readings)
 
     return Case(
-        title=title,
+        title=title.format(len(x)),
         names=names,
         true=np.array([true[name] for name in names]),
         start=np.array([p.value for p in parameters.values()]),

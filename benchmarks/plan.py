@@ -51,7 +51,9 @@ class _Plan:
 
     @property
     def bounds(self) -> tuple[float, float]:
-        return MACHINE.resolution, LIMIT * float(np.max(self.exact))
+        # A whole number of steps of the feed axis, to which the plan would take it.
+        step = MACHINE.resolution
+        return step, step * math.floor(LIMIT * float(np.max(self.exact)) / step)
 
     def problem(self) -> peers.PlanProblem:
         bottom, area = np.asarray(self.layers.bottom), np.asarray(self.layers.area)

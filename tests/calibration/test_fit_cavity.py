@@ -240,5 +240,5 @@ def test_impossible_depths_are_refused():
 def test_readings_that_are_not_numbers_are_refused():
     broken = profile(HALF)
     broken[7] = np.nan
-    with pytest.raises(InputError, match="not finite|NaN"):
+    with pytest.raises(InputError, match=r"not finite|NaN"):
         fit_cavity(HALF, broken, CAVITY)

@@ -212,7 +212,7 @@ def test_one_reading_alone_shows_no_noise():
     parameters = {name: Parameter(0.0) for name in ("first", "second", "slope")}
     long = Dataset(x, y, own={"own": "first"})
     single = Dataset([2.0], [7.0], own={"own": "second"})
-    with pytest.raises(InputError, match="'single' has 1 readings.* give its sigma"):
+    with pytest.raises(InputError, match=r"'single' has 1 readings.* give its sigma"):
         fit(Problem(parameters, {"long": long, "single": single}, offset_line))
     # Its sigma given, the slope is what the long set alone says.
     single = Dataset([2.0], [7.0], 0.5, own={"own": "second"})

@@ -120,15 +120,28 @@ def least_squares_plan(ratios, least, most):
 
 
 @settings(max_examples=40)
-@given(ratio=st.floats(0.05, 0.6), least=st.floats(0.2, 12.0), span=st.floats(0.3, 60.0))
+@given(ratio=st.floats(0.05, 0.6), least=st.integers(2, 120), span=st.integers(3, 600))
 def test_bounded_plan_against_scipy(ratio, least, span):
+    # In tenths: bounds are taken inwards to whole steps of the resolution.
+    least, span = least / 10, span / 10
     plan = optimised_schedule(LAYERS, ratio, AREA, FINE, feed_bounds=(least, least + span))
     _, cost = least_squares_plan([ratio], least, least + span)
-    assert np.all((plan.feeds >= least) & (plan.feeds <= least + span))
+    assert np.all((plan.feeds >= least - 1e-9) & (plan.feeds <= least + span + 1e-9))
     found = float(np.mean((depths_of(plan.feeds, ratio) - np.asarray(LAYERS.bottom)) ** 2))
     assert found == pytest.approx(cost, rel=1e-6, abs=1e-9)
     if cost > 1e-6:
         assert plan.expected_wall_error == pytest.approx(math.sqrt(cost), rel=1e-3)
+
+
+def test_rounded_feeds_keep_the_bounds_too():
+    machine = Machine(resolution=0.3)
+    plan = optimised_schedule(LAYERS, 0.3, AREA, machine, feed_bounds=(40.1, 100.1))
+    told = np.diff(plan.cumulative_feed, prepend=0.0)
+    # Whole steps of 0.3 um inside the bounds.
+    assert told.min() >= 40.1 and told.max() == pytest.approx(99.9)
+    # Bounds that are no whole steps would be passed: 100.1 um is told as 99.9 or 100.2.
+    unbounded = 0.3 * np.round(np.cumsum(np.full(20, 100.1)) / 0.3)
+    assert np.max(np.diff(unbounded)) > 100.15
 
 
 def test_a_bound_that_holds_back_layers_is_named():
