@@ -58,7 +58,6 @@ def test_unknown_names_are_refused_with_the_nearest_right_one(
 @pytest.mark.parametrize(
     ("solver", "options", "words"),
     [
-        ("box_lm", {"max_steps": 2}, "out of steps; raise max_steps"),
         ("scipy", {"max_steps": 2}, "not converged: the maximum number of function evaluations"),
     ],
 )
