@@ -216,7 +216,7 @@ class CavityFit:
             rounded = self._refitted(corner_radius=radius)
             notes.append(
                 "corners are taken as sharp: if the electrode is round, it leaves them rounded and "
-                f"wear_ratio is {self._change(rounded)} off; --round-corners (corner_radius) counts them"
+                f"wear_ratio is {self._change(rounded)} off unless they are counted"
             )
         return tuple(notes)
 
