@@ -155,7 +155,12 @@ class Solution:
 
     @property
     def _condition(self) -> float:
-        return analyse(self.jacobian[:, ~self.held]).condition if not all(self.held) else 1.0
+        return self._unheld.condition if not all(self.held) else 1.0
+
+    @cached_property
+    def _unheld(self) -> Identifiability:
+        """The analysis without the columns of parameters that a bound holds."""
+        return analyse(self.jacobian[:, ~self.held]) if np.any(self.held) else self.analysis
 
     def _raw_residuals(self) -> dict[str, np.ndarray]:
         residuals = {}
@@ -296,7 +301,9 @@ class Solution:
         free = self.problem.layout.free
         names = tuple(n for n, s in zip(free, seen, strict=True) if s)
         values = np.array([self._natural[n] for n in names])
-        by_data = analyse(self.jacobian[: self.problem.size][:, seen])
+        by_data = self._unheld
+        if self.problem.layout.priors:
+            by_data = analyse(self.jacobian[: self.problem.size][:, seen])
         return unseen_in_words(by_data, names, values)
 
     def _warnings(self) -> tuple[str, ...]:

@@ -61,7 +61,9 @@ class SquareSection(Section):
     def area(self, half_width: ArrayLike, gap: ArrayLike = 0.0) -> Array:
         """Area cleared at a programmed half width [um^2]; see `Section.area`."""
         radius = jnp.asarray(self.corner_radius)
-        cleared = jnp.maximum(jnp.asarray(half_width), radius) + jnp.asarray(gap)
+        half_width = jnp.asarray(half_width)
+        half_width = jnp.where(radius > 0, jnp.maximum(half_width, radius), half_width)
+        cleared = half_width + jnp.asarray(gap)
         rounding = jnp.where(radius > 0, radius + jnp.asarray(gap), 0.0)
         return 4.0 * cleared**2 - (4.0 - jnp.pi) * rounding**2
 
@@ -95,8 +97,10 @@ class AnnulusSection(Section):
         Where the ring is thicker than the half width the whole section counts.
         """
         half_width = jnp.asarray(half_width)
-        remaining = jnp.maximum(half_width - jnp.asarray(self.thickness), -jnp.asarray(gap))
-        return self.outer.area(half_width, gap) - self.outer.area(remaining, gap)
+        remaining = half_width - jnp.asarray(self.thickness)
+        left = remaining > -jnp.asarray(gap)
+        inside = self.outer.area(jnp.where(left, remaining, half_width), gap)
+        return self.outer.area(half_width, gap) - jnp.where(left, inside, 0.0)
 
 
 class PolygonSection(Section):
@@ -133,6 +137,8 @@ class PolygonSection(Section):
         corners = np.asarray(vertices, float)
         if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3:
             raise InputError("vertices must be at least three (x, y) pairs in um.")
+        if not np.all(np.isfinite(corners)):
+            raise InputError("vertices must be finite numbers: correct those that are not.")
         polygon = shapely.Polygon(corners)
         if not polygon.is_valid:
             reason = shapely.is_valid_reason(polygon)
