@@ -8,7 +8,7 @@ Lengths in um, areas in um^2.
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -30,9 +30,6 @@ from calibration.wear_profile import (
 )
 from procmodel.errors import InputError, nearest
 from procmodel.wear import CircleSection, LayeredCavity, Section, SquareSection
-
-Reach = Literal["auto", "half", "full"]
-Readings = Literal["wall", "depths"]
 
 # Fewer layers than the half width allows are believed only when they lower the squared misfit
 # by this many noise variances.
@@ -74,7 +71,7 @@ class TestCavity:
 
     __test__ = False  # the name is the shop's, not pytest's
 
-    section: Literal["square", "circle"]
+    section: str
     half_width: float
     step: float
     feed: float
@@ -247,8 +244,8 @@ def fit_cavity(
     gap: float = 0.0,
     fit_gap: bool = False,
     fit_electrode_area: bool = False,
-    reach: Reach = "auto",
-    readings: Readings = "wall",
+    reach: str = "auto",
+    readings: str = "wall",
     solver: str = "box_lm",
     source: str = "the profile",
 ) -> CavityFit:

@@ -100,7 +100,7 @@ def fit_command(
     from calibration.wear import TestCavity, fit_cavity
 
     corner_radius = math.sqrt(area / math.pi) if round_corners else 0.0
-    cavity = TestCavity(section, half_width, step, feed, area, layers, corner_radius)  # type: ignore[arg-type]
+    cavity = TestCavity(section, half_width, step, feed, area, layers, corner_radius)
     found = fit_cavity(
         measured.x,
         measured.z,
@@ -109,8 +109,8 @@ def fit_command(
         gap=gap,
         fit_gap=fit_gap,
         fit_electrode_area=fit_electrode_area,
-        reach=reach,  # type: ignore[arg-type]
-        readings=readings,  # type: ignore[arg-type]
+        reach=reach,
+        readings=readings,
         solver=solver,
         source=profile.name,
     )

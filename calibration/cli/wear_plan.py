@@ -158,7 +158,7 @@ def plan_command(
             layers, ratio, electrode, machine, feed_bounds=bounds, trade=trade
         )
 
-    compared = compare_layer_depths(solid, layer_depth, plan, trade, depth, level)  # type: ignore[arg-type]
+    compared = compare_layer_depths(solid, layer_depth, plan, trade, depth, level)
     stages = [compared[0].schedule]
     if finish_thickness is not None:
         finish_area = console.electrode_area(

@@ -99,7 +99,7 @@ def predict_command(
         dz = console.required(feed, "--feed", reason)
         options.require_feed_above(dz, resolution)
         dx = console.required(step, "--step", reason)
-        test = TestCavity(section, x0, dx, dz, area, layers)  # type: ignore[arg-type]
+        test = TestCavity(section, x0, dx, dz, area, layers)
         count = layers or test.most_layers
         half_widths, feeds = test.half_widths[:count], test.feeds[:count]
     if areas is None:

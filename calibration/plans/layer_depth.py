@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from calibration.plans.schedule import Schedule, Trade
 from procmodel.errors import InputError
 from procmodel.wear import Solid, TargetLayers, slice_solid
-from procmodel.wear.solids import Level
 
 
 @dataclass(frozen=True)
@@ -40,7 +39,7 @@ def compare_layer_depths(
     plan: Callable[[TargetLayers], Schedule],
     trade: Trade,
     depth: float | None = None,
-    level: Level = "paper",
+    level: str = "paper",
 ) -> list[LayerDepthOption]:
     """Plan the same solid in layers of several depths.
 

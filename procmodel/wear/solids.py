@@ -14,12 +14,11 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
-from procmodel.errors import InputError
+from procmodel.errors import InputError, nearest
 from procmodel.numerics import safe_sqrt
 from procmodel.wear.sections import AnnulusSection, CircleSection, Section, SquareSection
 
-Level = Literal["paper", "top", "middle", "bottom"]
-
+_LEVELS = {"top": 0.0, "middle": 0.5, "bottom": 1.0}
 _THIN_REMAINDER = 0.1
 
 
@@ -314,7 +313,7 @@ def split_for_finishing(
 
 
 def slice_solid(
-    solid: Solid, layer_depth: float, depth: float | None = None, level: Level = "paper"
+    solid: Solid, layer_depth: float, depth: float | None = None, level: str = "paper"
 ) -> TargetLayers:
     """Cut a solid into layers of equal depth; the last takes what does not divide.
 
@@ -341,8 +340,11 @@ def slice_solid(
     Raises
     ------
     InputError
-        If the depth is missing, not above 0, or greater than the solid's.
+        If the level is unknown, or the depth is missing, not above 0, or greater than the solid's.
     """
+    known = ("paper", *_LEVELS)
+    if level not in known:
+        raise InputError(f"level {level!r} is unknown{nearest(level, known)}.")
     full = solid.full_depth
     if depth is None:
         depth = full
@@ -361,8 +363,7 @@ def slice_solid(
     bottom = np.minimum(np.arange(1, count + 1) * layer_depth, depth)
     bottom[-1] = depth
     thickness = np.diff(bottom, prepend=0.0)
-    chosen = solid.paper_level if level == "paper" else level
-    share = {"top": 0.0, "middle": 0.5, "bottom": 1.0}[chosen]
+    share = _LEVELS[solid.paper_level if level == "paper" else level]
     height = jnp.asarray(bottom - (1.0 - share) * thickness)
     return TargetLayers(
         bottom=jnp.asarray(bottom),
