@@ -47,9 +47,7 @@ def main(arguments: list[str] | None = None) -> None:
         console.say("procmodel: stopped; nothing more was written.")
         code = 130
     except TyperException as error:
-        if not error.format_message().strip():  # nothing was asked: the parser's own help
-            context = getattr(error, "ctx", None)
-            console.say(context.get_help() if context else "procmodel: see --help.")
+        if not error.format_message().strip():  # nothing was asked; the parser has printed its help
             sys.exit(console.BAD_INPUT)
         console.say(f"procmodel: {_one_sentence(error.format_message())}")
         code = console.BAD_INPUT
