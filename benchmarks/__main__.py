@@ -58,6 +58,7 @@ def _run(part: str, sizes: Sizes) -> report.Section:
     begin = time.perf_counter()
     try:
         importlib.import_module(module).run(section, sizes)
+    # Whatever breaks one part is written into the results, and the others still run.
     except Exception as error:
         traceback.print_exc()
         section.failure = f"{type(error).__name__}: {str(error).strip() or 'no message'}"

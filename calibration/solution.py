@@ -128,7 +128,8 @@ class Solution:
             if dataset.sigma is None:
                 own = len(dataset.y) - float(np.sum(self.analysis.leverage[part]))
                 square = float(np.sum(shares[part])) ** 2
-                unknown += square / own if own > 1e-9 else np.inf * (square > 0)
+                if square > 0:
+                    unknown += square / own if own > 1e-9 else np.inf
         total = float(np.sum(shares)) ** 2
         return total / unknown if unknown > 0 else np.inf
 

@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from procmodel.errors import InputError
+
 PICTURES = (".png", ".svg", ".pdf")
 
 Section = Annotated[str, typer.Option("--section", help="square or circle.")]
@@ -43,8 +45,7 @@ def check_outputs(*files: Path | None, plot: Path | None = None) -> None:
     InputError
         If one of them cannot be written, two are the same, or the picture has no known ending.
     """
-    from procmodel.errors import InputError
-    from procmodel.io import check_target
+    from procmodel.io import check_target  # loads NumPy
 
     if plot is not None and plot.suffix.lower() not in PICTURES:
         raise InputError(f"{plot.name}: a picture ends in {', '.join(PICTURES)}: rename it.")
@@ -67,8 +68,6 @@ def require_feed_above(feed: float, resolution: float) -> None:
     InputError
         If the feed is below the resolution.
     """
-    from procmodel.errors import InputError
-
     if not feed >= resolution:
         raise InputError(
             f"--feed {feed:g} um is below the machine's resolution of {resolution:g} um: feed more "

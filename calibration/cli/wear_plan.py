@@ -123,8 +123,6 @@ def plan_command(
     area = console.electrode_area(electrode_diameter, electrode_area)
     if not 0 <= gap < math.inf:
         raise InputError(f"--gap is {gap:g}, but must be 0 or more.")
-    if level not in ("paper", "top", "middle", "bottom"):
-        raise InputError(f"--level is {level!r}, but must be paper, top, middle or bottom.")
     if not optimise and (least_feed > 0 or greatest_feed < math.inf):
         raise InputError("--least-feed and --greatest-feed need --optimise: exact feeds obey none.")
     if gcode is not None and (shape == "table" or finish_thickness is not None):
