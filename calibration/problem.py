@@ -130,6 +130,10 @@ class ProblemStructure:
         parts = [*self.deviations(vector, fixed, data), self.prior_residuals(vector, fixed)]
         return jnp.concatenate(parts)
 
+    def cost(self, vector: Array, arguments: tuple) -> Array:
+        """Minus the log density that a fit maximises, up to a constant; traceable, a scalar."""
+        return 0.5 * jnp.sum(self(vector, arguments) ** 2)
+
     def in_natural_coordinates(self) -> "ProblemStructure":
         """The same structure on vectors of natural values."""
         return dataclasses.replace(self, layout=self.layout.in_natural_coordinates())
