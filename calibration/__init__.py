@@ -16,8 +16,12 @@ if TYPE_CHECKING:
     from calibration.sampling import sample
 
 _HOMES = {
+    "AR1": "calibration.noise",
+    "Beta": "calibration.priors",
+    "Custom": "calibration.priors",
     "Dataset": "calibration.problem",
     "FitResult": "calibration.result",
+    "Gaussian": "calibration.noise",
     "HalfNormal": "calibration.priors",
     "LogNormal": "calibration.priors",
     "Normal": "calibration.priors",
@@ -25,6 +29,10 @@ _HOMES = {
     "ParameterEstimate": "calibration.result",
     "Prior": "calibration.priors",
     "Problem": "calibration.problem",
+    "Relative": "calibration.noise",
+    "Robust": "calibration.noise",
+    "StudentT": "calibration.noise",
+    "Truncated": "calibration.priors",
     "Uniform": "calibration.priors",
     "fit": "calibration.fitting",
     "sample": "calibration.sampling",

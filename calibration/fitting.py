@@ -1,19 +1,23 @@
 """`fit`: the best parameters of a problem, their covariance, and what the data cannot tell."""
 
 import dataclasses
+import functools
 import importlib
 from collections.abc import Callable
 from typing import Any
 
 import jax
 import numpy as np
+from jax import Array
 
 from calibration.identify import Identifiability, analyse
-from calibration.problem import Problem, model_name
+from calibration.noise import Robust
+from calibration.problem import Problem
 from calibration.result import FitResult
 from calibration.solution import Solution
 from calibration.solvers import box_lm
 from calibration.solvers.outcome import Outcome
+from calibration.structure import ProblemStructure, model_name
 from procmodel.errors import InputError, nearest
 from procmodel.precision import require_float64
 
@@ -27,6 +31,8 @@ SOLVERS = {
 _NOISE_ROUNDS = 50
 # A parameter is at a bound when the way there moves the residuals by less than this of their rms.
 _AT_BOUND = 1e-6
+# Of a normal distribution: its standard deviation over its median absolute deviation.
+_MEDIAN_TO_STD = 1.4826
 
 
 def fit(problem: Problem, solver: str = "box_lm", **options: Any) -> FitResult:
@@ -57,10 +63,12 @@ def fit(problem: Problem, solver: str = "box_lm", **options: Any) -> FitResult:
     Notes
     -----
     Where a data set has no sigma, one noise level is estimated for it from its residuals with
-    n - p degrees of freedom, and intervals use Student's t.
+    n - p degrees of freedom, and intervals use Student's t. A sigma that is a parameter is fitted
+    by maximum likelihood, with intervals from the expected information.
     """
     require_float64("A fit")
     run = _solver(solver, options)
+    _require_readings_by_their_own_x(problem)
     evidence = problem.size + problem.informing_priors
     if evidence < len(problem.layout.free):
         raise InputError(
@@ -69,7 +77,11 @@ def fit(problem: Problem, solver: str = "box_lm", **options: Any) -> FitResult:
         )
     lower, upper = problem.layout.internal_bounds()
     # One data set without priors: its noise level scales everything alike, no need to repeat.
-    alone = len(problem.datasets) == 1 and not problem.informing_priors
+    alone = (
+        len(problem.datasets) == 1
+        and not problem.informing_priors
+        and problem.structure.least_squares
+    )
     levels = (1.0,) if alone else _first_noise_levels(problem)
     start, rounds, steps = problem.start, 1, 0
     while True:
@@ -98,6 +110,8 @@ def fit(problem: Problem, solver: str = "box_lm", **options: Any) -> FitResult:
     if outcome.converged and not settled:
         status = "not converged: the noise levels of the data sets do not settle; give their sigma"
         outcome = dataclasses.replace(outcome, status=status, converged=False)
+    if sound:
+        outcome = _informed(problem, outcome, estimated)
     solution = Solution(
         problem=problem,
         outcome=dataclasses.replace(outcome, steps=steps),
@@ -167,6 +181,69 @@ def _require_readings_for_noise(problem: Problem, outcome: Outcome) -> None:
             )
 
 
+def _require_readings_by_their_own_x(problem: Problem) -> None:
+    """Refuse errors in x for a model in which one reading depends on the x of another."""
+    for i, (name, dataset) in enumerate(problem.datasets.items()):
+        if dataset.x_sigma is None:
+            continue
+        signs = np.where(np.random.default_rng(0).uniform(size=len(dataset.y)) < 0.5, -1.0, 1.0)
+        alone, mixed = _slopes_by_x(
+            problem.structure, i, problem.start, problem.fixed_values, problem.data(), signs
+        )
+        if not np.allclose(signs * alone, mixed, rtol=1e-6, atol=1e-9 * np.max(np.abs(alone))):
+            raise InputError(
+                f"data set {name!r} has errors in x, but its model takes a reading from the x of "
+                "others too: leave x_sigma out, or write the model point by point."
+            )
+
+
+@functools.partial(jax.jit, static_argnames=("structure", "index"))
+def _slopes_by_x(
+    structure: ProblemStructure,
+    index: int,
+    vector: Array,
+    fixed: Array,
+    data: tuple,
+    signs: Array,
+) -> tuple[Array, Array]:
+    """Derivative of the predictions when every x moves alike, and when each has a sign."""
+
+    def prediction(x: Array) -> Array:
+        moved = (*data[:index], (x, *data[index][1:]), *data[index + 1 :])
+        return structure.predictions(vector, fixed, moved)[index]
+
+    x = data[index][0]
+    alike = jax.jvp(prediction, (x,), (jax.numpy.ones_like(x),))[1]
+    return alike, jax.jvp(prediction, (x,), (signs,))[1]
+
+
+def _standardised(problem: Problem, outcome: Outcome, levels: tuple[float, ...]) -> np.ndarray:
+    """Deviations of all readings in units of their noise, unweighted."""
+    return np.concatenate(
+        _deviations(problem.structure, outcome.vector, problem.fixed_values, problem.data(levels))
+    )
+
+
+@functools.partial(jax.jit, static_argnames="structure")
+def _deviations(
+    structure: ProblemStructure, vector: Array, fixed: Array, data: tuple
+) -> tuple[Array, ...]:
+    return structure.deviations(vector, fixed, data)
+
+
+def _informed(problem: Problem, outcome: Outcome, levels: tuple[float, ...]) -> Outcome:
+    """The outcome with J'J the inverse covariance where a robust loss weighs the readings."""
+    factors = np.ones(len(outcome.residuals))
+    for part, dataset in zip(problem.slices, problem.datasets.values(), strict=True):
+        if isinstance(dataset.noise, Robust):
+            factors[part] = dataset.noise.information(_standardised(problem, outcome, levels)[part])
+    return dataclasses.replace(
+        outcome,
+        jacobian=outcome.jacobian * factors[:, None],
+        residuals=outcome.residuals / factors,
+    )
+
+
 def _first_noise_levels(problem: Problem) -> tuple[float, ...]:
     spreads = (float(np.std(d.y)) for d in problem.datasets.values())
     return tuple(s if s > 0 else 1.0 for s in spreads)
@@ -182,7 +259,13 @@ def _noise_levels(
             estimates.append(level)
             continue
         free = len(dataset.y) - float(np.sum(analysis.leverage[part]))
-        square = float(np.sum(outcome.residuals[part] ** 2)) * level**2
+        if isinstance(dataset.noise, Robust):
+            # Outliers must not set the scale either.
+            distances = _standardised(problem, outcome, levels)[part]
+            spread = _MEDIAN_TO_STD * level * float(np.median(np.abs(distances)))
+            square = len(dataset.y) * spread**2
+        else:
+            square = float(np.sum(outcome.residuals[part] ** 2)) * level**2
         floor = np.finfo(float).eps * (float(np.max(np.abs(dataset.y))) or 1.0)
         estimates.append(max(float(np.sqrt(square / free)), floor) if free > 1e-6 else floor)
     return tuple(estimates)

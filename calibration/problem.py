@@ -1,23 +1,20 @@
 """A problem: a model, its parameters and the readings it has to explain."""
 
-import dataclasses
 import hashlib
 import itertools
 import math
 import numbers
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import Array
 
-from calibration.parameters import NamedParameters, Parameter, ParameterLayout
+from calibration.noise import NORMAL, Noise
+from calibration.parameters import Parameter, ParameterLayout
+from calibration.structure import Model, ProblemStructure, model_name
 from procmodel.errors import InputError, nearest
-
-Model = Callable[[dict[str, Array], Any], Array]
 
 
 @dataclass(frozen=True)
@@ -30,19 +27,29 @@ class Dataset:
         Handed to the model as it is.
     y : array_like, shape (n,)
         Readings.
-    sigma : float or array_like, shape (n,), optional
-        Standard deviation of each reading. Left out, one noise level for the data set is
-        estimated from its residuals.
+    sigma : float, array_like of shape (n,), or str, optional
+        Standard deviation of each reading, or the name of the parameter that is to be fitted as
+        such. Left out, one noise level for the data set is estimated from its residuals.
     function : callable, optional
         Model of this data set, when it differs from the problem's.
     own : mapping of str to str
         Parameters that this data set does not share: the model's name for it to the problem's,
         such as ``{"gap": "gap_second_cavity"}``.
+    noise : Noise
+        How readings scatter around the model; see `calibration.noise`.
+    x_sigma : float or array_like, shape (n,), optional
+        Standard deviation of x, for x of shape (n,) and a model that takes each reading from its
+        own x alone: the distance to the curve counts, not the height above it.
 
     Raises
     ------
     InputError
-        If readings or sigma are not finite, sigma is not above 0, or lengths differ.
+        If readings or sigma are not finite, sigma is not above 0, lengths differ, or the noise
+        model cannot work with this kind of sigma.
+
+    References
+    ----------
+    .. [1] P. T. Boggs, J. E. Rogers, "Orthogonal distance regression", 1990: errors in x.
     """
 
     x: Any
@@ -50,6 +57,8 @@ class Dataset:
     sigma: Any = None
     function: Model | None = None
     own: Mapping[str, str] = field(default_factory=dict)
+    noise: Noise = NORMAL
+    x_sigma: Any = None
 
     def __post_init__(self) -> None:
         y = np.asarray(self.y, float)
@@ -64,104 +73,36 @@ class Dataset:
             if np.issubdtype(leaf.dtype, np.floating):
                 _require_finite("x", leaf)
         object.__setattr__(self, "y", y)
-        if self.sigma is not None:
-            sigma = np.asarray(self.sigma, float)
-            if sigma.shape not in ((), y.shape):
-                raise InputError(
-                    f"sigma has {sigma.size} values for {y.size} readings: give one, or one each."
-                )
-            sigma = np.array(np.broadcast_to(sigma, y.shape))
-            _require_finite("sigma", sigma)
-            if not np.all(sigma > 0):
-                raise InputError(
-                    f"sigma of reading {int(np.argmin(sigma > 0)) + 1} is not above 0: "
-                    "correct it, or leave sigma out to have the noise estimated."
-                )
-            object.__setattr__(self, "sigma", sigma)
+        if self.sigma_kind == "given":
+            object.__setattr__(self, "sigma", _deviations_of("sigma", self.sigma, y.shape))
+        if not isinstance(self.noise, Noise):
+            raise InputError(f"noise {self.noise!r} is not one of calibration's, such as StudentT.")
+        if self.sigma_kind not in self.noise.takes:
+            raise InputError(
+                f"noise {self.noise} cannot work with sigma {self.sigma_kind}: "
+                f"{_SIGMA_REMEDY[self.noise.takes[-1]]}."
+            )
+        if self.x_sigma is not None:
+            if self.noise != NORMAL or self.sigma_kind != "given":
+                raise InputError("errors in x need normal noise with sigma given as a number.")
+            if not (isinstance(self.x, np.ndarray) and self.x.shape == y.shape):
+                raise InputError("errors in x need x to be one array with a value per reading.")
+            object.__setattr__(self, "x", self.x.astype(float))
+            spread = _deviations_of("x_sigma", self.x_sigma, y.shape)
+            object.__setattr__(self, "x_sigma", spread)
+
+    @property
+    def sigma_kind(self) -> str:
+        """Where sigma comes from: "given", "parameter" or "estimated"."""
+        if self.sigma is None:
+            return "estimated"
+        return "parameter" if isinstance(self.sigma, str) else "given"
 
 
-@dataclass(frozen=True)
-class ProblemStructure:
-    """What of a problem is compiled in: everything but numbers. Hashable."""
-
-    layout: ParameterLayout
-    functions: tuple[Model, ...]
-    own: tuple[tuple[tuple[str, str], ...], ...]
-    noise_known: tuple[bool, ...]
-
-    def predictions(self, vector: Array, fixed: Array, xs: tuple) -> tuple[Array, ...]:
-        """Model values of every data set at an internal vector; traceable."""
-        values = NamedParameters(self.layout.natural(vector, fixed))
-        return tuple(
-            jnp.asarray(function(_renamed(values, own), x))
-            for function, own, x in zip(self.functions, self.own, xs, strict=True)
-        )
-
-    def deviations(self, vector: Array, fixed: Array, data: tuple) -> tuple[Array, ...]:
-        """Model minus reading over the noise level, for every data set; traceable.
-
-        `data` is one ``(x, y, 1/sigma)`` for each data set.
-        """
-        predictions = self.predictions(vector, fixed, tuple(x for x, _, _ in data))
-        for prediction, (_, y, _), function in zip(predictions, data, self.functions, strict=True):
-            if prediction.shape != y.shape:
-                raise InputError(
-                    f"model {model_name(function)!r} returned shape {prediction.shape} for "
-                    f"{y.shape[0]} readings: it must return one value for each."
-                )
-        return tuple(
-            (prediction - y) * inverse
-            for prediction, (_, y, inverse) in zip(predictions, data, strict=True)
-        )
-
-    def prior_residuals(self, vector: Array, fixed: Array) -> Array:
-        """Standardised distance of each parameter with a prior from it; traceable."""
-        values = self.layout.natural(vector, fixed)
-        parts = [prior.residual(values[name]) for name, prior in self.layout.priors]
-        return jnp.stack(parts) if parts else jnp.zeros(0)
-
-    def __call__(self, vector: Array, arguments: tuple) -> Array:
-        """Everything least squares makes small; `arguments` is (fixed, data).
-
-        The structure itself is the residual function, so that two problems that differ in
-        their numbers alone share what was compiled.
-        """
-        fixed, data = arguments
-        parts = [*self.deviations(vector, fixed, data), self.prior_residuals(vector, fixed)]
-        return jnp.concatenate(parts)
-
-    def cost(self, vector: Array, arguments: tuple) -> Array:
-        """Minus the log density that a fit maximises, up to a constant; traceable, a scalar."""
-        return 0.5 * jnp.sum(self(vector, arguments) ** 2)
-
-    def in_natural_coordinates(self) -> "ProblemStructure":
-        """The same structure on vectors of natural values."""
-        return dataclasses.replace(self, layout=self.layout.in_natural_coordinates())
-
-    def log_density(self, vector: Array, arguments: tuple) -> Array:
-        """Log posterior density per unit of the natural parameters, up to a constant.
-
-        `vector` holds *natural* values of the free parameters; `arguments` is (fixed, data, lower,
-        upper), the last two the bounds. A data set without sigma has its noise level integrated
-        out under Jeffreys' prior 1/sigma.
-        """
-        fixed, data, lower, upper = arguments
-        inside = jnp.all((vector >= lower) & (vector <= upper))
-        structure = self.in_natural_coordinates()
-        total = jnp.zeros(())
-        for known, deviation in zip(
-            self.noise_known, structure.deviations(vector, fixed, data), strict=True
-        ):
-            square = jnp.sum(deviation**2)
-            total += -0.5 * square if known else -0.5 * deviation.size * jnp.log(square)
-        values = structure.layout.natural(vector, fixed)
-        for name, prior in self.layout.priors:
-            total += prior.log_density(values[name])
-        return jnp.where(inside & jnp.isfinite(total), total, -jnp.inf)
-
-
-def _renamed(values: NamedParameters, own: tuple[tuple[str, str], ...]) -> NamedParameters:
-    return NamedParameters({**values, **{inner: values[outer] for inner, outer in own}})
+_SIGMA_REMEDY = {
+    "parameter": "give it as a number or as the name of a parameter",
+    "estimated": "give it as a number or leave it out",
+}
 
 
 class Problem:
@@ -214,8 +155,38 @@ class Problem:
             layout=self.layout,
             functions=tuple(functions),
             own=tuple(tuple(d.own.items()) for d in self.datasets.values()),
-            noise_known=tuple(d.sigma is not None for d in self.datasets.values()),
+            noises=tuple(d.noise for d in self.datasets.values()),
+            sigmas=tuple(
+                d.sigma if isinstance(d.sigma, str) else d.sigma is not None
+                for d in self.datasets.values()
+            ),
         )
+        for dataset_name, dataset in self.datasets.items():
+            self._check_noise(dataset_name, dataset)
+
+    def _check_noise(self, dataset_name: str, dataset: Dataset) -> None:
+        """Refuse noise parameters that are not there or may leave their range."""
+        ranges = dict(dataset.noise.names)
+        if isinstance(dataset.sigma, str):
+            ranges[dataset.sigma] = (0.0, math.inf)
+        for inner, (low, high) in ranges.items():
+            name = dataset.own.get(inner, inner)
+            if name not in self.parameters:
+                raise InputError(
+                    f"dataset {dataset_name!r}: its noise uses unknown parameter {name!r}"
+                    f"{nearest(name, list(self.parameters))}."
+                )
+            parameter = self.parameters[name]
+            lower, upper = parameter.bounds
+            if name in self.layout.free:
+                lower, upper = self.layout.bounds[self.layout.free.index(name)]
+            if parameter.tied is None and not (
+                low < parameter.value < high and low <= lower and upper <= high
+            ):
+                raise InputError(
+                    f"noise parameter {name!r} must stay between {low:g} and {high:g}: start and "
+                    "bound it there."
+                )
 
     @classmethod
     def from_function(
@@ -226,6 +197,8 @@ class Problem:
         y: Any,
         sigma: Any = None,
         name: str | None = None,
+        noise: Noise = NORMAL,
+        x_sigma: Any = None,
     ) -> "Problem":
         """Problem with a single data set.
 
@@ -239,17 +212,24 @@ class Problem:
             Handed to the model as it is.
         y : array_like, shape (n,)
             Readings.
-        sigma : float or array_like, shape (n,), optional
-            Standard deviation of the readings; estimated from the residuals when left out.
+        sigma : float, array_like of shape (n,), or str, optional
+            Standard deviation of the readings, or the name of the parameter to be fitted as such;
+            estimated from the residuals when left out.
         name : str, optional
             Name of the model in reports.
+        noise : Noise
+            How readings scatter around the model; normally when left out.
+        x_sigma : float or array_like, shape (n,), optional
+            Standard deviation of x; see `Dataset`.
 
         Returns
         -------
         Problem
             The problem.
         """
-        return cls(parameters, {"data": Dataset(x, y, sigma)}, function, name)
+        return cls(
+            parameters, {"data": Dataset(x, y, sigma, noise=noise, x_sigma=x_sigma)}, function, name
+        )
 
     @property
     def size(self) -> int:
@@ -283,7 +263,7 @@ class Problem:
         return self.layout.internal(np.array([self.parameters[n].value for n in self.layout.free]))
 
     def data(self, noise: tuple[float, ...] | None = None) -> tuple:
-        """The arrays a solver works on: one ``(x, y, 1/sigma)`` for each data set.
+        """The arrays a solver works on: one ``(x, y, 1/sigma, x_sigma)`` for each data set.
 
         Parameters
         ----------
@@ -297,7 +277,12 @@ class Problem:
         """
         levels = noise or (1.0,) * len(self.datasets)
         return tuple(
-            (d.x, d.y, np.full(d.y.shape, 1.0 / level) if d.sigma is None else 1.0 / d.sigma)
+            (
+                d.x,
+                d.y,
+                1.0 / d.sigma if d.sigma_kind == "given" else np.full(d.y.shape, 1.0 / level),
+                d.x_sigma,
+            )
             for d, level in zip(self.datasets.values(), levels, strict=True)
         )
 
@@ -308,15 +293,11 @@ class Problem:
         for name, dataset in self.datasets.items():
             digest.update(name.encode())
             leaves = [*jax.tree.leaves(dataset.x), dataset.y]
-            leaves += [] if dataset.sigma is None else [dataset.sigma]
+            leaves += [dataset.sigma] if dataset.sigma_kind == "given" else []
+            leaves += [] if dataset.x_sigma is None else [dataset.x_sigma]
             for leaf in leaves:
                 digest.update(np.ascontiguousarray(leaf).tobytes())
         return digest.hexdigest()[:12]
-
-
-def model_name(function: Any) -> str:
-    """Name of a model function for reports."""
-    return getattr(function, "__name__", None) or type(function).__name__
 
 
 def _as_parameter(name: str, value: Parameter | float) -> Parameter:
@@ -325,6 +306,23 @@ def _as_parameter(name: str, value: Parameter | float) -> Parameter:
     if isinstance(value, int | float | np.floating | np.integer) and math.isfinite(value):
         return Parameter(float(value), fixed=True)
     raise InputError(f"parameter {name!r} is {value!r}: give a calibration.Parameter or a number.")
+
+
+def _deviations_of(name: str, given: Any, shape: tuple[int, ...]) -> np.ndarray:
+    """Standard deviations, one for each reading."""
+    sigma = np.asarray(given, float)
+    if sigma.shape not in ((), shape):
+        raise InputError(
+            f"{name} has {sigma.size} values for {shape[0]} readings: give one, or one each."
+        )
+    sigma = np.array(np.broadcast_to(sigma, shape))
+    _require_finite(name, sigma)
+    if not np.all(sigma > 0):
+        raise InputError(
+            f"{name} of reading {int(np.argmin(sigma > 0)) + 1} is not above 0: correct it, or "
+            f"leave {name} out."
+        )
+    return sigma
 
 
 def _require_finite(name: str, values: np.ndarray) -> None:

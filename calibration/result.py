@@ -183,6 +183,9 @@ class FitResult:
         misfit = f"misfit    rms {self.residual_rms:.4g}"
         if self.degrees_of_freedom == 0:
             misfit += "; no reading left over to judge it by"
+        elif self.reduced_chi2 is None and not any(s is not None for s in self.noise.values()):
+            models = ", ".join(dict.fromkeys(str(d.noise) for d in self.problem.datasets.values()))
+            misfit += f"; noise fitted along: {models}"
         elif self.reduced_chi2 is None:
             levels = ", ".join(f"{n} {s:.4g}" for n, s in self.noise.items() if s is not None)
             misfit += f"; noise estimated from the residuals: {levels}"

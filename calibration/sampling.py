@@ -12,10 +12,11 @@ import xarray
 from jax import Array
 
 from calibration.fitting import fit
-from calibration.problem import Problem, ProblemStructure
+from calibration.problem import Problem
 from calibration.result import FitResult
 from calibration.samplers import stretch
 from calibration.samplers.ensemble import EnsembleDraws
+from calibration.structure import ProblemStructure
 from procmodel.errors import InputError, nearest
 from procmodel.precision import require_float64
 

@@ -19,6 +19,7 @@ from calibration.result import (
     student_quantile,
 )
 from calibration.solvers.outcome import Outcome
+from calibration.structure import ProblemStructure
 
 
 @dataclass(frozen=True)
@@ -102,7 +103,12 @@ class Solution:
         """The same without priors: what the readings alone tell."""
         if not self.problem.layout.priors:
             return self.analysis
-        return analyse(np.where(self.held, 0.0, self.jacobian[: self.problem.size]))
+        return analyse(np.where(self.held, 0.0, self.jacobian[self._of_data]))
+
+    @property
+    def _of_data(self) -> slice:
+        """The rows of readings and their noise, without those of priors."""
+        return slice(0, len(self.outcome.residuals) - len(self.problem.layout.priors))
 
     @cached_property
     def freedom(self) -> int:
@@ -150,7 +156,8 @@ class Solution:
 
     @property
     def _reduced_chi2(self) -> float | None:
-        if not self.problem.noise_known or self.freedom == 0:
+        given = all(d.sigma_kind == "given" for d in self.problem.datasets.values())
+        if not given or not self.problem.structure.least_squares or self.freedom == 0:
             return None
         return float(np.sum(self.standardised**2)) / self.freedom
 
@@ -165,6 +172,21 @@ class Solution:
 
     def _raw_residuals(self) -> dict[str, np.ndarray]:
         residuals = {}
+        if not self.problem.structure.least_squares or any(
+            dataset.x_sigma is not None for dataset in self.problem.datasets.values()
+        ):
+            predictions = _predictions(
+                self.problem.structure,
+                self.outcome.vector,
+                self.problem.fixed_values,
+                self.problem.data(),
+            )
+            return {
+                name: dataset.y - np.asarray(prediction)
+                for (name, dataset), prediction in zip(
+                    self.problem.datasets.items(), predictions, strict=True
+                )
+            }
         for (name, dataset), part, level in zip(
             self.problem.datasets.items(), self.problem.slices, self.assumed_noise, strict=True
         ):
@@ -304,7 +326,7 @@ class Solution:
         values = np.array([self._natural[n] for n in names])
         by_data = self._unheld
         if self.problem.layout.priors:
-            by_data = analyse(self.jacobian[: self.problem.size][:, seen])
+            by_data = analyse(self.jacobian[self._of_data][:, seen])
         return unseen_in_words(by_data, names, values)
 
     def _warnings(self) -> tuple[str, ...]:
@@ -327,3 +349,10 @@ class Solution:
 @functools.partial(jax.jit, static_argnames="layout")
 def _gradients_of_all(layout: ParameterLayout, vector: Array, fixed: Array) -> dict[str, Array]:
     return jax.jacfwd(layout.natural)(vector, fixed)
+
+
+@functools.partial(jax.jit, static_argnames="structure")
+def _predictions(
+    structure: ProblemStructure, vector: Array, fixed: Array, data: tuple
+) -> tuple[Array, ...]:
+    return structure.predictions(vector, fixed, data)

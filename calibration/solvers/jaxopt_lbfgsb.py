@@ -15,7 +15,7 @@ import numpy as np
 from jax import Array
 
 from calibration.solvers.box_lm import Residuals
-from calibration.solvers.outcome import Outcome, finished
+from calibration.solvers.outcome import Outcome, cost_of, finished
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)
@@ -79,7 +79,7 @@ def _solve_compiled(
     unit = jnp.sqrt(misfit) / jnp.where(norms > 0, norms, 1.0)
 
     def objective(scaled: Array) -> Array:
-        return 0.5 * jnp.sum(residuals(scaled * unit, arguments) ** 2) / misfit
+        return cost_of(residuals)(scaled * unit, arguments) / misfit
 
     solver = jaxopt.LBFGSB(
         objective, maxiter=options.max_steps, tol=options.tolerance, maxls=50, implicit_diff=False

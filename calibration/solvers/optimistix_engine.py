@@ -14,7 +14,7 @@ import optimistix
 from jax import Array
 
 from calibration.solvers.box_lm import Residuals
-from calibration.solvers.outcome import Outcome, finished
+from calibration.solvers.outcome import Outcome, cost_of, finished
 from procmodel.errors import InputError, nearest
 
 METHODS: dict[str, Any] = {
@@ -63,6 +63,11 @@ def solve(
     options: OptimistixOptions,
 ) -> Outcome:
     """Minimise without bounds; see `calibration.solvers.box_lm.solve` for the arguments."""
+    if getattr(residuals, "own_cost", None) is not None and options.method != "bfgs":
+        raise InputError(
+            f"optimistix {options.method} makes sums of squares small, which this noise model or "
+            "prior is not: use method='bfgs', or the solver 'box_lm'."
+        )
     vector, done, steps = _solve_compiled(residuals, start, arguments, options)
     vector, steps = np.asarray(vector), int(steps)
     converged = bool(done) and bool(np.all(np.isfinite(vector)))
@@ -86,8 +91,18 @@ def _solve_compiled(
     residuals: Residuals, start: Array, arguments: Any, options: OptimistixOptions
 ) -> tuple[Array, Array, Array]:
     solver = METHODS[options.method](rtol=options.tolerance, atol=options.tolerance)
-    solution: optimistix.Solution = optimistix.least_squares(
-        residuals, solver, start, args=arguments, max_steps=options.max_steps, throw=False
-    )
+    if getattr(residuals, "own_cost", None) is None:
+        solution: optimistix.Solution = optimistix.least_squares(
+            residuals, solver, start, args=arguments, max_steps=options.max_steps, throw=False
+        )
+    else:
+        solution = optimistix.minimise(
+            cost_of(residuals),
+            solver,
+            start,
+            args=arguments,
+            max_steps=options.max_steps,
+            throw=False,
+        )
     done = jnp.asarray(solution.result == optimistix.RESULTS.successful)
     return solution.value, done, solution.stats["num_steps"]

@@ -1,10 +1,12 @@
 """What every solver hands back, and the residuals compiled for those outside JAX."""
 
 import functools
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
@@ -49,6 +51,18 @@ def value_at(residuals: Residuals, vector: Array, arguments: Any) -> Array:
 def jacobian_at(residuals: Residuals, vector: Array, arguments: Any) -> Array:
     """Jacobian of the residuals, compiled once for each function and shape."""
     return jax.jacfwd(residuals)(vector, arguments)
+
+
+@functools.partial(jax.jit, static_argnames="residuals")
+def cost_at(residuals: Residuals, vector: Array, arguments: Any) -> Array:
+    """What is made small: the residuals' own cost, or half the sum of their squares."""
+    return cost_of(residuals)(vector, arguments)
+
+
+def cost_of(residuals: Residuals) -> Callable[[Array, Any], Array]:
+    """The cost as a function of its own."""
+    own = getattr(residuals, "own_cost", None)
+    return own or (lambda vector, arguments: 0.5 * jnp.sum(residuals(vector, arguments) ** 2))
 
 
 def finished(

@@ -1,4 +1,7 @@
-"""scipy's trust region reflective least squares: the independent check of our own solver."""
+"""scipy's solvers: the independent check of our own.
+
+Least squares go to the trust region reflective method, other costs to the trust-region interior point method.
+"""
 
 from dataclasses import dataclass
 from typing import Any
@@ -7,7 +10,7 @@ import numpy as np
 import scipy.optimize
 
 from calibration.solvers.box_lm import Residuals
-from calibration.solvers.outcome import Outcome, finished, jacobian_at, value_at
+from calibration.solvers.outcome import Outcome, cost_at, finished, jacobian_at, value_at
 from procmodel.errors import InputError
 
 
@@ -49,6 +52,8 @@ def solve(
             False,
             0,
         )
+    if getattr(residuals, "own_cost", None) is not None:
+        return _minimise(residuals, start, lower, upper, arguments, options)
     result = scipy.optimize.least_squares(
         lambda v: np.asarray(value_at(residuals, v, arguments)),
         start,
@@ -64,3 +69,48 @@ def solve(
     word = "converged" if result.success else "not converged"
     status = f"{word}: {result.message[0].lower()}{result.message[1:].rstrip('.')}"
     return finished(residuals, result.x, arguments, status, bool(result.success), int(result.nfev))
+
+
+def _minimise(
+    residuals: Residuals,
+    start: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    arguments: Any,
+    options: ScipyTrfOptions,
+) -> Outcome:
+    # No scaling of its own: each parameter is taken in units of its effect.
+    norms = np.linalg.norm(np.asarray(jacobian_at(residuals, start, arguments)), axis=0)
+    unit = 1.0 / np.where(norms > 0, norms, 1.0)
+
+    def rows(scaled: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        vector = scaled * unit
+        jacobian = np.asarray(jacobian_at(residuals, vector, arguments)) * unit
+        return np.asarray(value_at(residuals, vector, arguments)), jacobian
+
+    def gradient(scaled: np.ndarray) -> np.ndarray:
+        value, jacobian = rows(scaled)
+        return jacobian.T @ value
+
+    def curvature(scaled: np.ndarray) -> np.ndarray:
+        _, jacobian = rows(scaled)
+        return jacobian.T @ jacobian
+
+    result = scipy.optimize.minimize(
+        lambda scaled: float(cost_at(residuals, scaled * unit, arguments)),
+        start / unit,
+        jac=gradient,
+        hess=curvature,
+        method="trust-constr",
+        bounds=scipy.optimize.Bounds(lower / unit, upper / unit, keep_feasible=True),
+        options={
+            "maxiter": options.max_steps,
+            "gtol": options.tolerance**0.5,
+            "xtol": options.tolerance,
+        },
+    )
+    done = result.status in (1, 2)
+    word = "converged" if done else "not converged"
+    status = f"{word}: {str(result.message).lower().rstrip('.')}"
+    vector = np.clip(result.x * unit, lower, upper)
+    return finished(residuals, vector, arguments, status, done, int(result.nfev))
