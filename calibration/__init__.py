@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "AR1": "calibration.noise",
     "Beta": "calibration.priors",
+    "BlackBox": "calibration.black_box",
     "Custom": "calibration.priors",
     "Dataset": "calibration.problem",
     "FitResult": "calibration.result",
@@ -36,6 +37,7 @@ _HOMES = {
     "Uniform": "calibration.priors",
     "fit": "calibration.fitting",
     "sample": "calibration.sampling",
+    "with_predictions": "calibration.posterior",
 }
 
 __all__ = [

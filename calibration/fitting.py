@@ -92,7 +92,7 @@ def fit(problem: Problem, solver: str = "box_lm", **options: Any) -> FitResult:
             names = ", ".join(sorted({model_name(f) for f in problem.structure.functions}))
             raise InputError(
                 f"model {names} needs its parameters as plain numbers, as NumPy, math and 'if' do: "
-                "write it with jax.numpy (and jnp.where)."
+                "write it with jax.numpy (and jnp.where), or wrap it: BlackBox(function)."
             ) from None
         steps += outcome.steps
         sound = bool(np.all(np.isfinite(outcome.jacobian)))

@@ -1,9 +1,9 @@
 """`sample`: draws from the posterior of a problem, as an ArviZ DataTree."""
 
 import functools
-import importlib.metadata
-from collections.abc import Callable
+import hashlib
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -11,31 +11,41 @@ import numpy as np
 import xarray
 from jax import Array
 
+from calibration.black_box import BlackBox
+from calibration.checkpoint import Checkpoint
 from calibration.fitting import fit
+from calibration.noise import Robust
+from calibration.posterior import as_tree
 from calibration.problem import Problem
+from calibration.progress import ProgressOption, reporting
 from calibration.result import FitResult
-from calibration.samplers import stretch
-from calibration.samplers.ensemble import EnsembleDraws
+from calibration.samplers import driver
 from calibration.structure import ProblemStructure
 from procmodel.errors import InputError, nearest
 from procmodel.precision import require_float64
 
-SAMPLERS = ("auto", "stretch", "emcee")
-# An estimate of the autocorrelation time is only as good as the chain is long (emcee's rule).
-LENGTHS_WANTED = 50
-RHAT_ALLOWED = 1.01
+SAMPLERS = ("auto", "stretch", "emcee", "nuts")
+# Steps kept when nothing is said: a step of NUTS is worth some fifty of the stretch move.
+STEPS = {"stretch": 4_000, "emcee": 4_000, "nuts": 1_000}
+# From here on gradients pay: stretch moves mix ever more slowly with the number of parameters.
+NUTS_FROM = 8
+_NUTS_WARMUP = 600
+_CLOUD = 256
 
 
 def sample(
     problem: Problem,
     seed: int = 0,
-    draws: int = 30_000,
+    draws: int | None = None,
     sampler: str = "auto",
     *,
     ensembles: int = 4,
     walkers: int | None = None,
+    warmup: int | None = None,
     start: FitResult | None = None,
-    progress: Callable[[str], object] | None = None,
+    checkpoint: str | Path | None = None,
+    resume: bool = False,
+    progress: ProgressOption = None,
 ) -> xarray.DataTree:
     """Draw from the posterior of the free parameters.
 
@@ -46,125 +56,145 @@ def sample(
         inside its bounds; an unknown noise level is integrated out under 1/sigma.
     seed : int
         Same seed, same draws.
-    draws : int
-        Draws kept in each ensemble, rounded up to whole steps of all its walkers.
-    sampler : {"auto", "stretch", "emcee"}
-        "stretch" is our compiled ensemble of the stretch move, "emcee" the same move by emcee, and
-        "auto" takes "stretch".
+    draws : int, optional
+        Draws kept in each ensemble, rounded up to whole steps of all its walkers. When left out,
+        4,000 steps of all walkers, or 1,000 of "nuts", whose draws are nearly independent.
+    sampler : {"auto", "stretch", "emcee", "nuts"}
+        "stretch" is our compiled ensemble of the stretch move, "emcee" the same move by emcee for
+        models outside JAX, "nuts" blackjax' no-U-turn sampler. "auto" takes "emcee" for a black
+        box, "nuts" from 8 free parameters on and "stretch" below; the DataTree says which and why.
     ensembles : int
-        Independent ensembles of walkers, at least 2. They are the chains of the DataTree: the
-        walkers of one ensemble know of each other and are not.
+        Independent ensembles of walkers, or chains of "nuts", at least 2. They are the chains of
+        the DataTree: the walkers of one ensemble know of each other and are not.
     walkers : int, optional
         Walkers of an ensemble, at least twice the number of free parameters.
+    warmup : int, optional
+        Steps before those kept: half as many as kept when left out, 600 for "nuts".
     start : FitResult, optional
         Fit to start around; made when left out.
-    progress : callable, optional
-        Called with a sentence now and then.
+    checkpoint : path-like, optional
+        File (.h5) that the state is written to every now and then.
+    resume : bool
+        Go on from that file if it is there. The result is that of an uninterrupted run to the bit.
+    progress : bool or callable, optional
+        True for a bar on stderr, or a function of (stage, done, total).
 
     Returns
     -------
     xarray.DataTree
         Groups ``posterior`` (free and tied parameters, noise levels), ``sample_stats`` (``lp``)
-        and ``observed_data``. Attributes: model, data hash, sampler, seed, acceptance,
-        autocorrelation, rhat, ``converged`` (0 or 1) and ``status``, a sentence.
+        and ``observed_data``. Attributes: model, data hash, sampler and why, seed, acceptance,
+        autocorrelation, rhat, ess_bulk, ess_tail, ``converged`` (0 or 1) and ``status``, a
+        sentence.
 
     Raises
     ------
     InputError
-        If a name or count is wrong, the fit fails, or the posterior cannot be normalised because
-        the data leave a parameter without finite bounds open.
+        If a name or count is wrong, the fit fails, the posterior cannot be normalised because
+        the data leave a parameter without finite bounds open, or the checkpoint is of another run.
     """
     require_float64("Sampling")
     if sampler not in SAMPLERS:
         raise InputError(f"sampler {sampler!r} is unknown{nearest(sampler, SAMPLERS)}.")
+    chosen, why = _choice(problem, sampler)
     dimensions = len(problem.layout.free)
-    walkers = walkers or max(16, 4 * dimensions)
-    if walkers < 2 * dimensions or walkers % 2:
+    walkers = 1 if chosen == "nuts" else walkers or max(16, 4 * dimensions)
+    if chosen != "nuts" and (walkers < 2 * dimensions or walkers % 2):
         raise InputError(
             f"walkers is {walkers}, but must be even and at least {2 * dimensions}, twice the "
             "number of free parameters."
         )
+    draws = STEPS[chosen] * walkers if draws is None else draws
     if ensembles < 2 or draws < walkers or seed < 0:
         raise InputError(
             f"ensembles must be at least 2, draws at least {walkers} and the seed not below 0."
         )
-    start = start or fit(problem)
-    _require_proper(problem, start)
-    rng = np.random.default_rng(seed)
-    positions = np.stack([_laplace_start(problem, start, walkers, rng) for _ in range(ensembles)])
+    if resume and checkpoint is None:
+        raise InputError("resume needs the checkpoint to go on from: name it.")
     steps = -(-draws // walkers)
-    length = {"steps": steps, "warmup": max(1, steps // 2)}
+    if warmup is None:
+        warmup = _NUTS_WARMUP if chosen == "nuts" else max(1, steps // 2)
+    if warmup < (20 if chosen == "nuts" else 0):
+        raise InputError(f"warmup is {warmup}, but must be at least 20 for nuts and 0 otherwise.")
+    with reporting(progress) as told:
+        told.compiling("fit")
+        start = start or fit(problem)
+        _require_proper(problem, start)
+        told.running("fit", 1, 1)
+        rng = np.random.default_rng(seed)
+        count = _CLOUD if chosen == "nuts" else walkers
+        clouds = np.stack([_laplace_start(problem, start, count, rng) for _ in range(ensembles)])
+        seed_of_moves = int(rng.integers(2**31))
+        configuration = {
+            "model": problem.name,
+            "model code": _code_of(problem),
+            "data": problem.data_hash,
+            "parameters": _parameters_of(problem),
+            "sampler": chosen,
+            "seed": seed,
+            "draws": steps * walkers,
+            "ensembles": ensembles,
+            "walkers": walkers,
+            "warm-up": warmup,
+            "start": hashlib.sha256(clouds.tobytes()).hexdigest()[:12],
+        }
+        kept_in = None if checkpoint is None else Checkpoint(checkpoint, configuration, resume)
+        engine = _engine(problem, chosen, clouds, warmup, seed_of_moves)
+        found = driver.run(engine, steps, kept_in, told)
+    return as_tree(problem, found, rng, {"sampler": chosen, "sampler_reason": why, "seed": seed})
+
+
+def _choice(problem: Problem, sampler: str) -> tuple[str, str]:
+    """The sampler to take, and why."""
+    count = len(problem.layout.free)
+    if sampler != "auto":
+        return sampler, "asked for"
+    if any(isinstance(f, BlackBox) for f in problem.structure.functions):
+        return "emcee", "auto: the model is a black box"
+    if count >= NUTS_FROM:
+        return "nuts", f"auto: {count} free parameters, and gradients pay from {NUTS_FROM} on"
+    return "stretch", f"auto: {count} free parameters, fewer than {NUTS_FROM}"
+
+
+def _engine(
+    problem: Problem, sampler: str, clouds: np.ndarray, warmup: int, seed: int
+) -> driver.Sampler:
     lower, upper = problem.layout.natural_bounds()
     arguments = jax.device_put((problem.fixed_values, problem.data(), lower, upper))
+    density = LogPosterior(problem.structure)
+    if sampler == "nuts":
+        from calibration.samplers.nuts import NutsSampler
 
-    density = _LogPosterior(problem.structure)
+        cloud = clouds.swapaxes(0, 1).reshape(-1, clouds.shape[-1])
+        return NutsSampler(density, cloud, arguments, (lower, upper), len(clouds), warmup, seed)
     if sampler == "emcee":
-        runs = _run_emcee(density, positions, arguments, length, rng, progress)
-    else:
-        sampler = "stretch"
-        runs = stretch.run(
-            density,
-            positions,
-            arguments,
-            **length,
-            seed=int(rng.integers(2**31)),
-            progress=progress,
+        from calibration.samplers.emcee_ensemble import EmceeSampler
+
+        return EmceeSampler(
+            lambda vectors: np.asarray(_log_densities(density, vectors, arguments)),
+            clouds,
+            warmup,
+            seed,
         )
-    return _as_tree(problem, runs, rng, {"sampler": sampler, "seed": seed})
+    from calibration.samplers.stretch import StretchSampler
+
+    return StretchSampler(density, clouds, arguments, warmup, seed)
 
 
 @dataclass(frozen=True)
-class _LogPosterior:
+class LogPosterior:
     """Log density of a problem; two of the same structure share what was compiled."""
 
     structure: ProblemStructure
 
     def __call__(self, vector: Array, arguments: tuple) -> Array:
+        """At natural values; arguments as for `ProblemStructure.log_density`."""
         return self.structure.log_density(vector, arguments)
 
 
-def _run_emcee(
-    density: _LogPosterior,
-    positions: np.ndarray,
-    arguments: tuple,
-    length: dict[str, int],
-    rng: np.random.Generator,
-    progress: Callable[[str], object] | None,
-) -> list[EnsembleDraws]:
-    from calibration.samplers import emcee_ensemble
-
-    def log_density(vectors: np.ndarray) -> np.ndarray:
-        return np.asarray(_log_densities(density, vectors, arguments))
-
-    runs = []
-    for number, start in enumerate(positions, start=1):
-        runs.append(emcee_ensemble.run(log_density, start, **length, rng=rng))
-        if progress is not None:
-            progress(f"ensemble {number} of {len(positions)} done")
-    return runs
-
-
 @functools.partial(jax.jit, static_argnames="density")
-def _log_densities(density: _LogPosterior, vectors: Array, arguments: tuple) -> Array:
+def _log_densities(density: LogPosterior, vectors: Array, arguments: tuple) -> Array:
     return jax.vmap(lambda v: density(v, arguments))(vectors)
-
-
-@functools.partial(jax.jit, static_argnames="structure")
-def _all_values(structure: ProblemStructure, vectors: Array, fixed: Array) -> dict[str, Array]:
-    layout = structure.layout.in_natural_coordinates()
-    return jax.vmap(lambda v: layout.natural(v, fixed))(vectors)
-
-
-@functools.partial(jax.jit, static_argnames="structure")
-def _square_deviations(structure: ProblemStructure, vectors: Array, arguments: tuple) -> Array:
-    """Sum of squared deviations of each data set at natural vectors, shape (draws, sets)."""
-    natural = structure.in_natural_coordinates()
-
-    def at(vector: Array) -> Array:
-        parts = natural.deviations(vector, *arguments)
-        return jax.numpy.stack([jax.numpy.sum(part**2) for part in parts])
-
-    return jax.lax.map(at, vectors, batch_size=1024)
 
 
 def _require_proper(problem: Problem, start: FitResult) -> None:
@@ -177,6 +207,12 @@ def _require_proper(problem: Problem, start: FitResult) -> None:
             "there are as many parameters as readings and no sigma, so that the noise level is "
             "unknown: give sigma or more readings."
         )
+    for name, dataset in problem.datasets.items():
+        if isinstance(dataset.noise, Robust) and dataset.sigma is None:
+            raise InputError(
+                f"data set {name!r}: a robust loss without sigma is no probability to draw from: "
+                "give sigma, or take StudentT with sigma as a parameter."
+            )
     for name, bounds in zip(problem.layout.free, problem.layout.bounds, strict=True):
         estimate = start.parameters[name]
         if estimate.interval95 is None and not np.all(np.isfinite(bounds)):
@@ -218,95 +254,24 @@ def _laplace_start(
     return np.where(inside, positions, rng.uniform(low, high, size=positions.shape))
 
 
-def _as_tree(
-    problem: Problem,
-    runs: list[EnsembleDraws],
-    rng: np.random.Generator,
-    origin: dict[str, Any],
-) -> xarray.DataTree:
-    import arviz_base
-    import arviz_stats
-
-    structure, layout = problem.structure, problem.layout
-    # One walker after the other: neighbouring draws of a chain then are neighbouring steps, as
-    # estimates of the effective sample size expect.
-    vectors = np.stack([run.positions.swapaxes(0, 1) for run in runs])
-    chains = vectors.reshape(len(runs), -1, vectors.shape[-1])
-    flat = chains.reshape(-1, chains.shape[-1])
-    values = _all_values(structure, flat, problem.fixed_values)
-    posterior = {
-        name: np.asarray(values[name]).reshape(chains.shape[:2])
-        for name in layout.names
-        if name not in layout.fixed
-    }
-    posterior |= _noise_draws(problem, flat, chains.shape[:2], rng)
-    lp = np.stack([run.log_density.T for run in runs]).reshape(chains.shape[:2])
-    tree = arviz_base.from_dict(
-        {
-            "posterior": posterior,
-            "sample_stats": {"lp": lp},
-            "observed_data": {name: d.y for name, d in problem.datasets.items()},
-        }
-    )
-    rhat = arviz_stats.rhat(tree["posterior"].dataset[list(layout.free)])
-    worst = max(float(rhat[name]) for name in layout.free)
-    correlation = max(run.autocorrelation for run in runs)
-    tree.attrs = _attributes(problem, runs, origin, worst, correlation)
-    return tree
+def _code_of(problem: Problem) -> str:
+    """Digest of what the models do, as far as Python tells."""
+    digest = hashlib.sha256()
+    for function in problem.structure.functions:
+        code = getattr(function, "__code__", None)
+        text = repr(function) if code is None else f"{code.co_code!r}{code.co_names}"
+        digest.update(text.split(" at 0x")[0].encode())
+        if code is not None:
+            constants = [c for c in code.co_consts if not hasattr(c, "co_code")]
+            digest.update(repr(constants).encode())
+    return digest.hexdigest()[:12]
 
 
-def _attributes(
-    problem: Problem,
-    runs: list[EnsembleDraws],
-    origin: dict[str, Any],
-    worst: float,
-    correlation: float,
-) -> dict[str, Any]:
-    steps, walkers = runs[0].positions.shape[:2]
-    lengths = steps / correlation if np.isfinite(correlation) and correlation > 0 else 0.0
-    converged = lengths >= LENGTHS_WANTED and worst <= RHAT_ALLOWED
-    status = f"converged: {lengths:.0f} autocorrelation times long, R-hat {worst:.4f}"
-    if not converged:
-        wanted = 1.5 * LENGTHS_WANTED * max(correlation, 1.0) if lengths > 0 else 0.0
-        needed = max(int(np.ceil(wanted)), 2 * steps) * walkers
-        status = (
-            f"not converged: {lengths:.0f} autocorrelation times long where {LENGTHS_WANTED} are "
-            f"wanted, R-hat {worst:.4f} where at most {RHAT_ALLOWED} is; raise draws to about "
-            f"{needed}"
-        )
-    return {
-        "model": problem.name,
-        "data_hash": problem.data_hash,
-        **origin,
-        **{
-            f"fixed_{name}": value
-            for name, value in zip(problem.layout.fixed, problem.fixed_values, strict=True)
-        },
-        "walkers": walkers,
-        "steps": steps,
-        "acceptance": float(np.mean([run.acceptance for run in runs])),
-        "autocorrelation_steps": float(correlation),
-        "rhat": worst,
-        "converged": int(converged),
-        "status": status,
-        "procmodel_version": importlib.metadata.version("procmodel"),
-        "jax_version": jax.__version__,
-    }
-
-
-def _noise_draws(
-    problem: Problem, flat: np.ndarray, shape: tuple[int, int], rng: np.random.Generator
-) -> dict[str, np.ndarray]:
-    """Noise levels given each draw: sigma^2 is the squared misfit over a chi-square draw."""
-    unknown = [name for name, d in problem.datasets.items() if d.sigma is None]
-    if not unknown:
-        return {}
-    arguments = (problem.fixed_values, problem.data())
-    squares = np.asarray(_square_deviations(problem.structure, flat, arguments))
-    noise = {}
-    for i, (name, dataset) in enumerate(problem.datasets.items()):
-        if dataset.sigma is None:
-            label = "noise" if len(problem.datasets) == 1 else f"noise_{name}"
-            level = np.sqrt(squares[:, i] / rng.chisquare(len(dataset.y), size=len(flat)))
-            noise[label] = level.reshape(shape)
-    return noise
+def _parameters_of(problem: Problem) -> dict[str, Any]:
+    """The parameters as plain types, for a checkpoint's configuration."""
+    described = {}
+    for name, p in problem.parameters.items():
+        tied = getattr(p.tied, "__name__", p.tied)
+        prior = None if p.prior is None else repr(p.prior).split(" at 0x")[0]
+        described[name] = [p.value, list(map(str, p.bounds)), prior, p.transform, p.fixed, tied]
+    return described

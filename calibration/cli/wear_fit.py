@@ -148,7 +148,7 @@ def _sample_to(found: "CavityFit", path: Path, draws: int, seed: int) -> tuple[d
     from procmodel.io import writing
 
     tree = sample(
-        found.result.problem, seed=seed, draws=draws, start=found.result, progress=console.say
+        found.result.problem, seed=seed, draws=draws, start=found.result, progress=True
     )
     with writing(path) as temporary:
         tree.to_netcdf(temporary, engine="h5netcdf")

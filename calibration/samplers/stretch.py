@@ -1,4 +1,4 @@
-"""The affine-invariant stretch move, all ensembles and steps in one compiled loop.
+"""The affine-invariant stretch move, all ensembles in one compiled loop over the steps.
 
 Each ensemble is split in two halves; a walker of one half is stretched along the line to a walker
 of the other (Goodman and Weare). Same algorithm as emcee's default, without leaving the device.
@@ -18,26 +18,15 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from calibration.samplers.ensemble import EnsembleDraws, longest_autocorrelation
+from calibration.samplers.driver import State, Steps
 
 STRETCH = 2.0
-# Parts that a run is cut into, so that progress can be told.
-_CHUNKS = 10
 
 LogDensity = Callable[[Array, Any], Array]
 
 
-def run(
-    log_density: LogDensity,
-    start: np.ndarray,
-    arguments: Any,
-    *,
-    steps: int,
-    warmup: int,
-    seed: int,
-    progress: Callable[[str], object] | None = None,
-) -> list[EnsembleDraws]:
-    """Run several independent ensembles together.
+class StretchSampler:
+    """Several independent ensembles that move together.
 
     Parameters
     ----------
@@ -48,43 +37,43 @@ def run(
         First positions; walkers even.
     arguments : pytree
         Handed to `log_density`.
-    steps, warmup : int
-        Steps kept, and steps thrown away before them, the latter rounded up to whole tenths.
+    warmup : int
+        Steps thrown away.
     seed : int
         Same seed, same draws.
-    progress : callable, optional
-        Called with a sentence after every tenth of the steps.
-
-    Returns
-    -------
-    list of EnsembleDraws
-        The steps kept of every ensemble.
     """
-    positions = jnp.asarray(start)
-    densities = _densities(log_density, positions, arguments)
-    state = (jax.random.key(seed), positions, densities)
-    # One length for warm-up and run, so that the loop is compiled once.
-    chunk = max(1, -(-steps // _CHUNKS))
-    for _ in range(-(-warmup // chunk)):
-        state, _chain = _advance(log_density, state, arguments, chunk)
-    kept: list[list[np.ndarray]] = []
-    while (done := sum(len(part[1]) for part in kept)) < steps:
-        state, chain = _advance(log_density, state, arguments, chunk)
-        kept.append([np.asarray(part) for part in chain])
-        if progress is not None:
-            progress(f"{min(steps, done + chunk)} of {steps} steps done")
-    chains, lps, accepted = (
-        np.concatenate(parts)[:steps] for parts in zip(*kept, strict=True)
-    )  # step, ensemble, walker
-    return [
-        EnsembleDraws(
-            positions=chains[:, e],
-            log_density=lps[:, e],
-            acceptance=float(np.mean(accepted[:, e])),
-            autocorrelation=longest_autocorrelation(chains[:, e]),
-        )
-        for e in range(chains.shape[1])
-    ]
+
+    most = 256
+
+    def __init__(
+        self, log_density: LogDensity, start: np.ndarray, arguments: Any, warmup: int, seed: int
+    ):
+        self.warmup = warmup
+        self._log_density = log_density
+        self._start = start
+        self._arguments = arguments
+        self._seed = seed
+
+    def begin(self) -> State:
+        """Positions, their densities, and the random key."""
+        positions = jnp.asarray(self._start)
+        densities = _densities(self._log_density, positions, self._arguments)
+        key = jax.random.key_data(jax.random.key(self._seed))
+        return {"key": key, "positions": positions, "densities": densities}
+
+    def warm_up(self, state: State, count: int) -> State:
+        """Steps that are not kept."""
+        return self._advance(state, count)[0]
+
+    def advance(self, state: State, count: int) -> tuple[State, Steps]:
+        """Steps that are kept."""
+        state, parts = self._advance(state, count)
+        positions, densities, moved = (np.asarray(part)[:count] for part in parts)
+        return state, Steps(positions, densities, moved, np.zeros(moved.shape, bool))
+
+    def _advance(self, state: State, count: int) -> tuple[State, tuple[Array, Array, Array]]:
+        held = {name: jnp.asarray(array) for name, array in state.items()}
+        return _advance(self._log_density, held, self._arguments, count, self.most)
 
 
 @functools.partial(jax.jit, static_argnames="log_density")
@@ -92,14 +81,24 @@ def _densities(log_density: LogDensity, positions: Array, arguments: Any) -> Arr
     return jax.vmap(jax.vmap(lambda v: log_density(v, arguments)))(positions)
 
 
-@functools.partial(jax.jit, static_argnames=("log_density", "steps"))
+@functools.partial(jax.jit, static_argnames=("log_density", "most"))
 def _advance(
-    log_density: LogDensity, state: tuple, arguments: Any, steps: int
-) -> tuple[tuple, tuple[Array, Array, Array]]:
-    """Make `steps` steps; the new state, and positions, densities and acceptances of each."""
+    log_density: LogDensity, state: dict[str, Array], arguments: Any, count: Array, most: int
+) -> tuple[dict[str, Array], tuple[Array, Array, Array]]:
+    """Make `count` steps of at most `most`; the new state, and what each step left.
 
-    def step(state: tuple, _: None) -> tuple[tuple, tuple[Array, Array, Array]]:
-        key, positions, densities = state
+    The number of steps is an argument, not part of the program: however a run is cut into pieces,
+    the same program makes the same steps.
+    """
+    shape = (most, *state["densities"].shape)
+    chain = (
+        jnp.zeros((*shape, state["positions"].shape[-1])),
+        jnp.zeros(shape),
+        jnp.zeros(shape, bool),
+    )
+
+    def step(i: Array, carry: tuple) -> tuple:
+        (key, positions, densities), chain = carry
         key, first, second = jax.random.split(key, 3)
         half = positions.shape[1] // 2
         a, b = positions[:, :half], positions[:, half:]
@@ -109,9 +108,17 @@ def _advance(
         positions = jnp.concatenate([a, b], axis=1)
         densities = jnp.concatenate([lp_a, lp_b], axis=1)
         moved = jnp.concatenate([moved_a, moved_b], axis=1)
-        return (key, positions, densities), (positions, densities, moved)
+        chain = tuple(
+            jax.lax.dynamic_update_index_in_dim(part, new, i, 0)
+            for part, new in zip(chain, (positions, densities, moved), strict=True)
+        )
+        return (key, positions, densities), chain
 
-    return jax.lax.scan(step, state, None, length=steps)
+    key = jax.random.wrap_key_data(state["key"])
+    carry = ((key, state["positions"], state["densities"]), chain)
+    (key, positions, densities), chain = jax.lax.fori_loop(0, count, step, carry)
+    state = {"key": jax.random.key_data(key), "positions": positions, "densities": densities}
+    return state, chain
 
 
 def _stretch(

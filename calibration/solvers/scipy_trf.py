@@ -1,6 +1,7 @@
 """scipy's solvers: the independent check of our own.
 
-Least squares go to the trust region reflective method, other costs to the trust-region interior point method.
+Least squares go to the trust region reflective method, other costs to the interior point method
+with a trust region.
 """
 
 from dataclasses import dataclass
