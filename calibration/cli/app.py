@@ -8,7 +8,14 @@ import typer
 from typer.exceptions import TyperException
 from typer.main import get_command
 
-from calibration.cli import console, wear_fit, wear_plan, wear_predict, wear_volume_ratio
+from calibration.cli import (
+    console,
+    fit_model,
+    wear_fit,
+    wear_plan,
+    wear_predict,
+    wear_volume_ratio,
+)
 from procmodel import __version__
 from procmodel.errors import InputError
 
@@ -19,6 +26,9 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
+app.command("fit")(fit_model.fit_command)
+app.command("report")(fit_model.report_command)
+app.command("compare")(fit_model.compare_command)
 wear_app = typer.Typer(
     help="Micro-EDM under electrode wear: wear ratio from a cavity, feeds for the next one.",
     no_args_is_help=True,

@@ -121,7 +121,8 @@ def fit_command(
         result["posterior"] = summary
         text += f"\nposterior  {line}"
     if plot is not None:
-        from calibration.plots.wear import draw_fit, save
+        from calibration.plots.figures import save
+        from calibration.plots.wear import draw_fit
 
         save(draw_fit(found), plot)
     if out is not None:
@@ -147,9 +148,7 @@ def _sample_to(found: "CavityFit", path: Path, draws: int, seed: int) -> tuple[d
     from calibration.sampling import sample
     from procmodel.io import writing
 
-    tree = sample(
-        found.result.problem, seed=seed, draws=draws, start=found.result, progress=True
-    )
+    tree = sample(found.result.problem, seed=seed, draws=draws, start=found.result, progress=True)
     with writing(path) as temporary:
         tree.to_netcdf(temporary, engine="h5netcdf")
     draws_of = tree["posterior"].dataset["wear_ratio"]

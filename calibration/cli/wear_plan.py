@@ -175,7 +175,8 @@ def plan_command(
         scanning = (scan_feed, plunge_feed, overlap)
         _write_program(gcode, template, stages[0], shape, area, gap, scanning)
     if plot is not None:
-        from calibration.plots.wear import draw_plan, save
+        from calibration.plots.figures import save
+        from calibration.plots.wear import draw_plan
 
         save(draw_plan(stages), plot)
     result = _as_dict(stages, notes)

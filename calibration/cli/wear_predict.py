@@ -119,7 +119,8 @@ def predict_command(
     if out is not None:
         write_table(out, {"x [um]": x, "z [um]": z})
     if plot is not None:
-        from calibration.plots.wear import draw_prediction, save
+        from calibration.plots.figures import save
+        from calibration.plots.wear import draw_prediction
 
         save(draw_prediction(walls, depths, feeds), plot)
     text = (

@@ -4,38 +4,15 @@ Depth points downwards; lengths in um.
 """
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from calibration.plans.schedule import Schedule
+from calibration.plots.figures import BLUE, GREEN, GREY, ORANGE, two_panels
 from calibration.result import student_quantile
 from calibration.wear import CavityFit
-from procmodel.io import writing
-
-# Okabe and Ito's colours, told apart by everyone.
-BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#7A7A7A"
-
-
-def save(figure: Figure, path: Path) -> None:
-    """Write a figure, completely or not at all.
-
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-        The figure.
-    path : Path
-        Where; the ending chooses the format.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
-    """
-    with writing(path) as temporary:
-        figure.savefig(temporary, dpi=150)
 
 
 def draw_fit(found: CavityFit) -> Figure:
@@ -51,7 +28,7 @@ def draw_fit(found: CavityFit) -> Figure:
     matplotlib.figure.Figure
         The figure.
     """
-    figure, (wall, left) = _two_panels()
+    figure, (wall, left) = two_panels()
     curve_x = np.linspace(found.position[0], found.position[-1], 600)
     curve = found.predict(curve_x)
     residuals = found.result.residuals["data"]
@@ -121,7 +98,7 @@ def draw_prediction(walls: np.ndarray, depths: np.ndarray, feeds: np.ndarray) ->
     matplotlib.figure.Figure
         The figure.
     """
-    figure, (wall, layers) = _two_panels()
+    figure, (wall, layers) = two_panels()
     _draw_wall(wall, walls, depths, BLUE, "predicted wall")
     wall.set_title(f"{len(depths)} layers, {depths[-1]:.1f} µm deep", fontsize=10, loc="left")
     _depth_axis(wall)
@@ -143,7 +120,7 @@ def draw_plan(stages: Sequence[Schedule]) -> Figure:
     matplotlib.figure.Figure
         The figure.
     """
-    figure, (wall, layers) = _two_panels()
+    figure, (wall, layers) = two_panels()
     for schedule, colour, name in zip(
         stages, (BLUE, ORANGE), ("roughing", "finishing"), strict=False
     ):
@@ -171,17 +148,6 @@ def draw_plan(stages: Sequence[Schedule]) -> Figure:
     _depth_axis(wall)
     wall.set_xlabel("x [µm]")
     return figure
-
-
-def _two_panels() -> tuple[Figure, tuple[Axes, Axes]]:
-    figure = Figure(figsize=(8.0, 6.4), layout="constrained")
-    upper, lower = figure.subplots(2, 1, height_ratios=(2.2, 1))
-    for axes in (upper, lower):
-        axes.grid(color="0.92", lw=0.7)
-        axes.set_axisbelow(True)
-        for side in ("top", "right"):
-            axes.spines[side].set_visible(False)
-    return figure, (upper, lower)
 
 
 def _depth_axis(axes: Axes) -> None:
