@@ -15,7 +15,7 @@ import xarray
 from jax import Array
 
 from calibration.intervals import IntervalTable, compare_intervals
-from calibration.profile import ProfileLikelihood
+from calibration.profiling import ProfileLikelihood
 from calibration.result import FitResult
 from calibration.structure import ProblemStructure
 from procmodel.errors import InputError

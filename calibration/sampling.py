@@ -144,6 +144,43 @@ def sample(
     return as_tree(problem, found, rng, {"sampler": chosen, "sampler_reason": why, "seed": seed})
 
 
+def draws_alone(
+    problem: Problem, start: FitResult, seed: int, sampler: str, steps: int, warmup: int
+) -> tuple[str, np.ndarray]:
+    """A few draws far apart, without diagnostics, for checks that repeat it many times.
+
+    Parameters
+    ----------
+    problem : Problem
+        What is sampled.
+    start : FitResult
+        Its fit.
+    seed : int
+        Same seed, same draws.
+    sampler : str
+        As for `sample`.
+    steps, warmup : int
+        Length of the run.
+
+    Returns
+    -------
+    str, ndarray of shape (m, p)
+        The sampler, and natural values of the free parameters.
+    """
+    chosen, _ = _choice(problem, sampler)
+    _require_proper(problem, start)
+    rng = np.random.default_rng(seed)
+    walkers = max(16, 4 * len(problem.layout.free))
+    count = _CLOUD if chosen == "nuts" else walkers
+    clouds = np.stack([_laplace_start(problem, start, count, rng) for _ in range(4)])
+    engine = _engine(problem, chosen, clouds, warmup, int(rng.integers(2**31)))
+    with reporting(None) as told:
+        found = driver.run(engine, steps, None, told)
+    # Far enough apart to be nearly independent: NUTS every few steps, walkers every fifty.
+    apart = 5 if chosen == "nuts" else 50
+    return chosen, found.positions[apart - 1 :: apart].reshape(-1, clouds.shape[-1])
+
+
 def _choice(problem: Problem, sampler: str) -> tuple[str, str]:
     """The sampler to take, and why."""
     count = len(problem.layout.free)

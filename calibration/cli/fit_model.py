@@ -62,7 +62,7 @@ def fit_command(
     result, table_of_starts = _fitted(asked, starts)
     curves, tree = None, None
     if result.converged and (profile or asked.profile is not None):
-        from calibration.profile import profile as profile_of
+        from calibration.profiling import profile as profile_of
 
         curves = profile_of(result, **(asked.profile or {}))
     if result.converged and sampling is not None:

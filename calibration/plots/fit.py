@@ -6,9 +6,10 @@ import numpy as np
 import xarray
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from scipy.interpolate import PchipInterpolator
 
 from calibration.plots.figures import BLUE, GREEN, GREY, ORANGE, plain
-from calibration.profile import ProfileLikelihood
+from calibration.profiling import ProfileLikelihood
 from calibration.result import FitResult, student_quantile
 
 _MOST_SHOWN = 12
@@ -104,10 +105,10 @@ def _draw_parameter(
         standard = student_quantile(levels, estimate.freedom)
         axes.plot(values, np.exp(-0.5 * standard**2), color=BLUE, lw=1.4, label="Wald")
     curve = None if profile is None else profile.parameters.get(name)
-    if curve is not None and len(curve.values):
-        axes.plot(
-            curve.values, np.exp(-0.5 * curve.zeta**2), ".-", color=ORANGE, ms=3, label="profile"
-        )
+    if curve is not None and len(curve.values) > 1:
+        dense = np.linspace(curve.values[0], curve.values[-1], 200)
+        zeta = PchipInterpolator(curve.values, curve.zeta)(dense)
+        axes.plot(dense, np.exp(-0.5 * zeta**2), color=ORANGE, lw=1.4, label="profile")
     if posterior is not None and name in posterior["posterior"].dataset:
         drawn = np.ravel(np.asarray(posterior["posterior"].dataset[name]))
         inside = np.quantile(drawn, [0.0005, 0.9995])

@@ -1,0 +1,254 @@
+"""Simulation-based calibration: whether a sampler returns the posteriors that it should.
+
+Parameters are drawn from their priors, readings simulated with them, and the posterior of those
+readings sampled. Over many repeats the rank of the true value among the draws is uniform if, and
+in practice only if, priors, likelihood and sampler fit each other.
+
+References
+----------
+.. [1] S. Talts et al., "Validating Bayesian inference algorithms with simulation-based
+   calibration", 2018.
+.. [2] T. Säilynoja, P.-C. Bürkner, A. Vehtari, "Graphical test for discrete uniformity and its
+   applications in goodness-of-fit evaluation", Statistics and Computing 32, 2022: simultaneous
+   bands of the empirical distribution of ranks.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import numpy as np
+import scipy.stats
+from jax import Array
+
+from calibration.fitting import fit
+from calibration.problem import Dataset, Problem
+from calibration.progress import ProgressOption, reporting
+from calibration.sampling import draws_alone
+from calibration.structure import ProblemStructure
+from procmodel.errors import InputError
+from procmodel.precision import require_float64
+
+Simulate = Callable[[np.random.Generator, dict[str, float]], dict[str, np.ndarray]]
+
+_BINS = 20
+_SIMULATED = 2_000
+
+
+@dataclass(frozen=True)
+class SimulationCheck:
+    """Ranks of the true values among the draws.
+
+    Attributes
+    ----------
+    sampler : str
+        Which sampler was checked.
+    ranks : dict of str to ndarray, shape (n,)
+        Rank of the true value of every free parameter, 0 to `draws`.
+    draws : int
+        Draws that each rank is among.
+    p_values : dict of str to float
+        How often uniform ranks leave the band as far as these do, over all points together.
+    failed : int
+        Repeats without a rank, for their fit did not converge.
+    """
+
+    sampler: str
+    ranks: dict[str, np.ndarray]
+    draws: int
+    p_values: dict[str, float]
+    failed: int
+
+    @property
+    def passed(self) -> bool:
+        """Whether no parameter leaves the simultaneous 99 % band, shared among the parameters."""
+        return min(self.p_values.values()) >= 0.01 / len(self.p_values)
+
+    def report(self) -> str:
+        """The check as text.
+
+        Returns
+        -------
+        str
+            A line for each parameter.
+        """
+        count = len(next(iter(self.ranks.values())))
+        lines = [f"{count} simulated calibrations, sampler {self.sampler}, {self.failed} failed"]
+        for name, p in self.p_values.items():
+            share = float(np.mean(self.ranks[name])) / self.draws
+            lines.append(f"  {name}: p {p:.3f}, mean rank {share:.3f} (0.5 is right)")
+        verdict = "uniform within the band" if self.passed else "NOT uniform: do not trust it"
+        return "\n".join([*lines, f"ranks are {verdict}"])
+
+
+def simulation_check(
+    problem: Problem,
+    repeats: int = 500,
+    seed: int = 0,
+    sampler: str = "auto",
+    *,
+    simulate: Simulate | None = None,
+    steps: int = 400,
+    warmup: int = 300,
+    progress: ProgressOption = None,
+) -> SimulationCheck:
+    """Check a sampler on a problem by simulation.
+
+    Parameters
+    ----------
+    problem : Problem
+        Every free parameter needs a prior to draw from, or finite bounds; every data set its
+        sigma, as a number or as a parameter. Its readings are replaced by simulated ones.
+    repeats : int
+        Number of simulated calibrations.
+    seed : int
+        Same seed, same check.
+    sampler : {"auto", "stretch", "emcee", "nuts"}
+        The sampler to check.
+    simulate : callable, optional
+        ``simulate(rng, parameters)`` giving the readings of every data set by name; the problem's
+        own model and noise when left out.
+    steps, warmup : int
+        Length of each run. Ranks are among draws far apart, so that they are nearly independent.
+    progress : bool or callable, optional
+        See `calibration.sample`.
+
+    Returns
+    -------
+    SimulationCheck
+        Ranks and verdict.
+
+    Raises
+    ------
+    InputError
+        If a prior cannot be drawn from, or a noise level is unknown.
+    """
+    require_float64("A simulation check")
+    if not problem.noise_known:
+        raise InputError("a simulation needs to know the noise: give sigma, or a parameter for it.")
+    rng = np.random.default_rng(seed)
+    truths = _truths(problem, repeats, rng)
+    ranks: list[np.ndarray] = []
+    failed, chosen, count = 0, sampler, 0
+    with reporting(progress) as told:
+        told.compiling("calibrations")
+        for number, truth in enumerate(truths):
+            values = _all_values(problem, truth)
+            readings = (simulate or functools.partial(_readings, problem))(rng, values)
+            simulated = _with_readings(problem, readings, truth)
+            start = fit(simulated)
+            if not start.converged:
+                failed += 1
+                continue
+            chosen, draws = draws_alone(
+                simulated, start, int(rng.integers(2**31)), sampler, steps, warmup
+            )
+            count = len(draws)
+            ranks.append(np.sum(draws < truth, axis=0))
+            told.running("calibrations", number + 1, repeats)
+    if not ranks:
+        raise InputError("no simulated readings could be fitted: check priors and model.")
+    table = np.array(ranks)
+    of_each = {name: table[:, i] for i, name in enumerate(problem.layout.free)}
+    return SimulationCheck(
+        sampler=chosen,
+        ranks=of_each,
+        draws=count,
+        p_values={name: uniformity(values, count, seed) for name, values in of_each.items()},
+        failed=failed,
+    )
+
+
+def uniformity(ranks: np.ndarray, draws: int, seed: int = 0) -> float:
+    """How often uniform ranks stray as far from their expected distribution as these do.
+
+    Parameters
+    ----------
+    ranks : ndarray of int, shape (n,)
+        Ranks from 0 to `draws`.
+    draws : int
+        Number of draws that each rank is among.
+    seed : int
+        Of the simulation that the answer is found by.
+
+    Returns
+    -------
+    float
+        Probability, over all points of the distribution at once.
+    """
+    rng = np.random.default_rng(seed)
+    # Ranks share points of the line: spread evenly, they are uniform on it if they are at all.
+    spread = (ranks + rng.uniform(size=len(ranks))) / (draws + 1)
+    found = _farthest(np.sort(spread)[None, :])[0]
+    simulated = _farthest(np.sort(rng.uniform(size=(_SIMULATED, len(ranks))), axis=1))
+    return float((1 + np.sum(simulated <= found)) / (1 + _SIMULATED))
+
+
+def _farthest(ordered: np.ndarray) -> np.ndarray:
+    """Least two-sided binomial probability over the points of the distribution, shape (m,)."""
+    points = np.arange(1, _BINS) / _BINS
+    size = ordered.shape[1]
+    below = np.stack([np.sum(ordered <= point, axis=1) for point in points], axis=1)
+    at_most = scipy.stats.binom.cdf(below, size, points)
+    at_least = scipy.stats.binom.sf(below - 1, size, points)
+    return np.min(2.0 * np.minimum(at_most, at_least), axis=1)
+
+
+def _truths(problem: Problem, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Draws of the free parameters from their priors, inside their bounds, shape (count, p)."""
+    priors = dict(problem.layout.priors)
+    columns = []
+    for name, (low, high) in zip(problem.layout.free, problem.layout.bounds, strict=True):
+        prior = priors.get(name)
+        if prior is None:
+            if not np.isfinite(high - low):
+                raise InputError(f"parameter {name!r} has neither a prior nor finite bounds.")
+            columns.append(rng.uniform(low, high, count))
+            continue
+        from calibration.priors import Truncated
+
+        columns.append(Truncated(prior, low, high).draw(rng, count))
+    return np.stack(columns, axis=1)
+
+
+def _all_values(problem: Problem, truth: np.ndarray) -> dict[str, float]:
+    layout = problem.layout.in_natural_coordinates()
+    values = layout.natural(truth, problem.fixed_values)
+    return {name: float(value) for name, value in values.items()}
+
+
+def _readings(
+    problem: Problem, rng: np.random.Generator, values: dict[str, float]
+) -> dict[str, np.ndarray]:
+    """Readings that the problem's own model and noise give."""
+    truth = np.array([values[name] for name in problem.layout.free])
+    predictions = _predictions(problem.structure, truth, problem.fixed_values, problem.data())
+    readings = {}
+    for (name, dataset), prediction in zip(problem.datasets.items(), predictions, strict=True):
+        at = values | {inner: values[outer] for inner, outer in dataset.own.items()}
+        level: Any = dataset.sigma if dataset.sigma_kind == "given" else at[dataset.sigma]
+        sigma = np.broadcast_to(level, dataset.y.shape)
+        readings[name] = dataset.noise.draw(rng, np.asarray(prediction), sigma, at)
+    return readings
+
+
+@functools.partial(jax.jit, static_argnames="structure")
+def _predictions(
+    structure: ProblemStructure, vector: Array, fixed: Array, data: tuple
+) -> tuple[Array, ...]:
+    return structure.in_natural_coordinates().predictions(vector, fixed, data)
+
+
+def _with_readings(problem: Problem, readings: dict[str, np.ndarray], truth: np.ndarray) -> Problem:
+    """The problem with other readings, started at the truth, from where the mode is near."""
+    parameters = dict(problem.parameters)
+    for name, value in zip(problem.layout.free, truth, strict=True):
+        parameters[name] = dataclasses.replace(parameters[name], value=float(value))
+    datasets: dict[str, Dataset] = {
+        name: dataclasses.replace(dataset, y=readings[name])
+        for name, dataset in problem.datasets.items()
+    }
+    return Problem(parameters, datasets, problem.structure.functions[0], problem.name)
