@@ -8,13 +8,15 @@ References
 
 import functools
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import blackjax
 import jax
 import jax.numpy as jnp
 import numpy as np
-from blackjax.adaptation.window_adaptation import base, build_schedule
+from blackjax.adaptation.mass_matrix import mass_matrix_adaptation
+from blackjax.adaptation.step_size import dual_averaging_adaptation
+from blackjax.adaptation.window_adaptation import build_schedule
 from jax import Array
 
 from calibration.samplers.driver import State, Steps
@@ -129,17 +131,47 @@ def _tools(density: _Whitened, frame: tuple) -> tuple[Callable, Any]:
     return functools.partial(density, frame=frame), blackjax.nuts.build_kernel()
 
 
-def _adaptation() -> Any:
-    """The window adaptation of blackjax: its init, update and final."""
-    return base(is_mass_matrix_diagonal=False, target_acceptance_rate=_ACCEPTANCE)
+class _Adaptation(NamedTuple):
+    """What the warm-up has learnt of a chain's moves."""
+
+    averaging: Any
+    metric: Any
+    step_size: Array
+    inverse_mass_matrix: Array
+
+
+def _untouched(point: Array) -> _Adaptation:
+    """Before the first step: the coordinates are whitened, so that the unit matrix is near."""
+    metric = mass_matrix_adaptation(is_diagonal_matrix=False)[0](point.shape[0])
+    averaging = dual_averaging_adaptation(_ACCEPTANCE)[0](0.5)
+    return _Adaptation(averaging, metric, jnp.asarray(0.5), metric.inverse_mass_matrix)
+
+
+def _adapted(adaptation: _Adaptation, stage: Array, point: Array, acceptance: Array) -> _Adaptation:
+    """After a step, in the windows of Stan: `stage` is (slow window, end of a window)."""
+    learn_metric, end_metric = mass_matrix_adaptation(is_diagonal_matrix=False)[1:]
+    restart, average, settle = dual_averaging_adaptation(_ACCEPTANCE)
+    averaging = average(adaptation.averaging, acceptance)
+    metric = _chosen(stage[0] > 0, learn_metric(adaptation.metric, point), adaptation.metric)
+    after = adaptation._replace(averaging=averaging, metric=metric)
+    # A window's end: the matrix learnt in it is taken up, and the step size starts again.
+    ended = end_metric(metric)
+    closed = _Adaptation(
+        restart(settle(averaging)), ended, adaptation.step_size, ended.inverse_mass_matrix
+    )
+    after = _chosen(stage[1] > 0, closed, after)
+    return after._replace(step_size=jnp.exp(after.averaging.log_step_size))
+
+
+def _chosen(first: Array, one: Any, other: Any) -> Any:
+    return jax.tree.map(lambda a, b: jnp.where(first, a, b), one, other)
 
 
 @functools.partial(jax.jit, static_argnames="density")
 def _begin(density: _Whitened, key: Array, start: Array, frame: tuple) -> dict[str, Array]:
     log_density, _ = _tools(density, frame)
-    init, _, _ = _adaptation()
     hmc = jax.vmap(lambda p: blackjax.nuts.init(p, log_density))(start)
-    adaptation = jax.vmap(lambda p: init(p, 0.5))(start)
+    adaptation = jax.vmap(_untouched)(start)
     keys = jax.random.key_data(jax.random.split(key, len(start)))
     return _flat(keys, hmc, adaptation, jnp.zeros((), int))
 
@@ -159,7 +191,6 @@ def _advance(
     One program for warm-up and run, for the step of NUTS takes long to compile.
     """
     log_density, kernel = _tools(density, frame)
-    _, update, final = _adaptation()
 
     def one(key: Array, hmc: Any, adaptation: Any, done: Array) -> tuple:
         key, now = jax.random.split(key)
@@ -168,12 +199,12 @@ def _advance(
         )
         values, volume = density.natural(hmc.position, frame)
         seen = (values, hmc.logdensity - volume, info.acceptance_rate, info.is_divergent)
-        stage = (stages[done, 0], stages[done, 1])
-        adapted = update(adaptation, stage, hmc.position, info.acceptance_rate)
+        adapted = _adapted(adaptation, stages[done], hmc.position, info.acceptance_rate)
         # At the end the averaged step size takes the place of the last one tried.
-        step_size = jnp.where(done + 1 == warmup, final(adapted)[0], adapted.step_size)
+        settled = jnp.exp(adapted.averaging.log_step_size_avg)
+        step_size = jnp.where(done + 1 == warmup, settled, adapted.step_size)
         adapted = adapted._replace(step_size=step_size)
-        adaptation = jax.tree.map(lambda a, b: jnp.where(done < warmup, a, b), adapted, adaptation)
+        adaptation = _chosen(done < warmup, adapted, adaptation)
         return key, hmc, adaptation, seen
 
     def step(i: Array, carry: tuple) -> tuple:
@@ -205,13 +236,12 @@ def _flat(keys: Array, hmc: Any, adaptation: Any, done: Array) -> dict[str, Arra
 
 def _unflat(state: dict[str, Array]) -> tuple[Array, Any, Any, Array]:
     """The parts again; their structure follows from the number of parameters and chains."""
-    init, _, _ = _adaptation()
     chains, size = state["leaf_1"].shape
 
     def example() -> tuple:
         start = jnp.zeros((chains, size))
         hmc = jax.vmap(lambda p: blackjax.nuts.init(p, lambda v: jnp.sum(v)))(start)
-        adaptation = jax.vmap(lambda p: init(p, 0.5))(start)
+        adaptation = jax.vmap(_untouched)(start)
         return jnp.zeros((chains, 2), jnp.uint32), hmc, adaptation, jnp.zeros((), int)
 
     structure = jax.tree.structure(jax.eval_shape(example))

@@ -3,13 +3,17 @@
 Minimises half the sum of squares of the residuals inside a box. Parameters whose bound holds
 them back are taken out of the step (projected active set); a step that would leave the box is
 stopped at the bound and the other parameters solve again around it. Columns are scaled by
-their greatest norm so far (Moré), steps come from a QR of the Jacobian (from J'J only where
-speed over many fits is asked for), and the damping follows Nielsen.
+their norms, which may fall by half a step at most (after Moré, who never lets them fall: a start
+far off then cripples the rest of the way). Steps come from a QR of the Jacobian (from J'J only
+where speed over many fits is asked for), are bent along the curvature of the model (geodesic
+acceleration), and the damping follows Nielsen.
 
 References
 ----------
 .. [1] J. J. Moré, "The Levenberg-Marquardt algorithm: implementation and theory", 1978.
 .. [2] H. B. Nielsen, "Damping parameter in Marquardt's method", IMM-REP-1999-05.
+.. [3] M. K. Transtrum, J. P. Sethna, "Improvements to the Levenberg-Marquardt algorithm for
+   nonlinear least-squares minimization", arXiv:1201.5885, 2012.
 """
 
 import functools
@@ -30,11 +34,20 @@ RUNNING, GRADIENT, REDUCTION, STEP, EXACT, FLOOR, STALLED, OUT_OF_STEPS, BAD_STA
 
 # A small step or reduction counts as converged only where the residuals are this nearly
 # perpendicular to every free column: damping alone makes steps small too.
-_NEARLY_AT_REST = 1e-6
+_NEARLY_AT_REST = 1e-8
 # At a kink of the model the optimum is not smooth; there the angle may be this far off.
 _AT_REST_ON_A_KINK = 1e-2
 # Damping, as a multiple of the squared column norms, from which on a step is too short to matter.
 _HOPELESS = 1e14
+# How far along the step the curvature of the model is probed, and how long the bend may be beside
+# the step before the linear model is not believed; both from [3].
+_PROBE = 0.1
+_LONGEST_BEND = 0.75
+# A step whose fall the linear model foretells this well needs no short bend: where the residuals
+# themselves end in rounding, the probe sees curvature that is not there.
+_FORETOLD = 0.01
+# Expected reductions below this share of the misfit need no bend, and rounding would blur it.
+_NO_BEND_BELOW = 1e-6
 
 STATUS = {
     GRADIENT: "converged: no direction inside the bounds makes the misfit smaller",
@@ -65,6 +78,10 @@ class BoxLMOptions:
         and any free column of the Jacobian.
     linear_algebra : {"qr", "gram"}
         "qr" for the last digits, "gram" (J'J) for many well-conditioned fits.
+    bend : bool
+        Bend each step along the curvature of the model, for one more evaluation. Saves most of
+        the steps in curved valleys and keeps far starts from running off; a model that is linear
+        does not need it.
 
     Raises
     ------
@@ -72,9 +89,10 @@ class BoxLMOptions:
         If the linear algebra is unknown.
     """
 
-    max_steps: int = 500
+    max_steps: int = 2000
     tolerance: float = 1e-12
     linear_algebra: str = "qr"
+    bend: bool = True
 
     def __post_init__(self) -> None:
         if self.linear_algebra not in LOCAL_MODELS:
@@ -109,6 +127,7 @@ class BoxLMOutcome(NamedTuple):
 class _Point(NamedTuple):
     vector: Array
     residuals: Array
+    cost: Array
     jacobian: Array
     local: Triangular | Gram
 
@@ -130,12 +149,15 @@ def solve(
     arguments: Any,
     options: BoxLMOptions = BoxLMOptions(),
 ) -> BoxLMOutcome:
-    """Minimise half the sum of squares inside a box; traceable and mappable.
+    """Minimise half the sum of squares, or a cost, inside a box; traceable and mappable.
 
     Parameters
     ----------
     residuals : callable
-        ``residuals(vector, arguments)`` of shape (n,), n >= 1.
+        ``residuals(vector, arguments)`` of shape (n,), n >= 1. Where it has a method
+        ``own_cost(vector, arguments)`` that is not None, that is made small instead: then the
+        residuals r and their derivative J are such that J'r is its gradient and J'J its expected
+        curvature (Fisher scoring).
     start : Array, shape (p,)
         Start, moved into the box if outside.
     lower, upper : Array, shape (p,)
@@ -151,29 +173,46 @@ def solve(
         The last point, converged or not.
     """
     local_model = LOCAL_MODELS[options.linear_algebra]
+    own_cost = getattr(residuals, "own_cost", None)
+
+    def cost_at(vector: Array, value: Array) -> Array:
+        if own_cost is None:
+            return 0.5 * jnp.sum(value**2)
+        return own_cost(vector, arguments)
 
     @jax.jit  # traced once for its two uses below
     def linearise(vector: Array) -> _Point:
         jacobian, value = jax.jacfwd(_twice(residuals), has_aux=True)(vector, arguments)
-        return _Point(vector, value, jacobian, local_model.of(value, jacobian))
+        local = local_model.of(value, jacobian)
+        return _Point(vector, value, cost_at(vector, value), jacobian, local)
 
     def advance(state: _State) -> _State:
         here = state.point
-        move = _bounded_step(state, lower, upper)
+        move, pinned = _bounded_step(state, lower, upper)
+        expected = here.local.reduction(move)
+        believed = jnp.asarray(True)
+        if options.bend and own_cost is None:
+            probe = residuals(here.vector + _PROBE * move, arguments)
+            move, believed = _bent(state, move, pinned, probe, lower, upper)
         trial = _moved(here.vector, move, lower, upper)
-        trial_residuals = residuals(trial, arguments)
+        trial_residuals = residuals(trial, arguments) if own_cost is None else here.residuals
 
         misfit = 0.5 * jnp.sum(here.residuals**2)
-        reduction = misfit - 0.5 * jnp.sum(trial_residuals**2)
-        expected = here.local.reduction(move)
+        reduction = here.cost - cost_at(trial, trial_residuals)
+        if own_cost is None:  # the same with less rounding
+            total = here.residuals + trial_residuals
+            reduction = 0.5 * jnp.sum((here.residuals - trial_residuals) * total)
         ratio = reduction / jnp.where(expected > 0, expected, 1.0)
-        better = jnp.isfinite(reduction) & (reduction > 0) & (expected > 0)
+        believed = believed | (jnp.abs(ratio - 1.0) <= _FORETOLD)
+        better = believed & jnp.isfinite(reduction) & (reduction > 0) & (expected > 0)
         there = jax.lax.cond(better, lambda: linearise(trial), lambda: here)
         # A better point with a derivative that is not finite is no place to go on from.
         better = better & jnp.all(jnp.isfinite(there.jacobian))
         point = jax.tree.map(lambda a, b: jnp.where(better, a, b), there, here)
 
-        scale = jnp.maximum(state.scale, point.local.column_norms())
+        norms = point.local.column_norms()
+        fallen = jnp.where(better & (norms > 0), 0.5 * state.scale, state.scale)
+        scale = jnp.maximum(fallen, norms)
         shrink = jnp.maximum(1.0 / 3.0, 1.0 - (2.0 * ratio - 1.0) ** 3)
         damping = jnp.where(
             better, jnp.maximum(state.damping * shrink, 1e-16), state.damping * state.growth
@@ -193,7 +232,7 @@ def solve(
         hopeless = ~jnp.isfinite(damping) | (damping > _HOPELESS)
         status = jnp.select(
             [
-                rest == 0,
+                (rest == 0) & (own_cost is None),
                 cosine <= options.tolerance,
                 no_reduction & settled,
                 no_move & jnp.isfinite(reduction) & settled,
@@ -209,10 +248,11 @@ def solve(
     point = linearise(jnp.clip(start, lower, upper))
     norms = point.local.column_norms()
     sound = jnp.all(jnp.isfinite(point.residuals)) & jnp.all(jnp.isfinite(point.jacobian))
+    sound = sound & jnp.isfinite(point.cost)
     status = jnp.select(
         [
             ~sound,
-            jnp.all(point.residuals == 0),
+            jnp.all(point.residuals == 0) & (own_cost is None),
             _projected_cosine(point, lower, upper) <= options.tolerance,
         ],
         [BAD_START, EXACT, GRADIENT],
@@ -244,8 +284,8 @@ def solve_compiled(
     return solve(residuals, start, lower, upper, arguments, options)
 
 
-def _bounded_step(state: _State, lower: Array, upper: Array) -> Array:
-    """Damped step of the parameters that no bound holds, stopped at the bounds."""
+def _bounded_step(state: _State, lower: Array, upper: Array) -> tuple[Array, Array]:
+    """Damped step of the parameters that no bound holds, stopped at the bounds, and who is."""
     point = state.point
     gradient = point.local.gradient()
     held = ((point.vector <= lower) & (gradient > 0)) | ((point.vector >= upper) & (gradient < 0))
@@ -266,8 +306,29 @@ def _bounded_step(state: _State, lower: Array, upper: Array) -> Array:
         return pinned, damped(pinned, jnp.where(pinned, stopped, move))
 
     carry = (held, damped(held, jnp.zeros_like(point.vector)))
-    _, move = jax.lax.while_loop(lambda c: jnp.any(crossing(c)), stop_at_bounds, carry)
-    return move
+    pinned, move = jax.lax.while_loop(lambda c: jnp.any(crossing(c)), stop_at_bounds, carry)
+    return move, pinned
+
+
+def _bent(
+    state: _State, move: Array, pinned: Array, probe: Array, lower: Array, upper: Array
+) -> tuple[Array, Array]:
+    """The step bent along the curvature of the model, and whether it is worth trying [3].
+
+    `probe` holds the residuals at `_PROBE` of the step; if they are not finite, it is not.
+    """
+    point = state.point
+    curvature = 2.0 / _PROBE * ((probe - point.residuals) / _PROBE - point.jacobian @ move)
+    local = point.local.against(curvature, point.jacobian)
+    bend = local.damped_move(~pinned, state.damping * state.scale**2, jnp.zeros_like(move))
+    length, limit = jnp.linalg.norm(state.scale * bend), jnp.linalg.norm(state.scale * move)
+    believed = length <= _LONGEST_BEND * limit
+    expected = point.local.reduction(move)
+    near = expected <= _NO_BEND_BELOW * 0.5 * jnp.sum(point.residuals**2)
+    whole = move + 0.5 * bend
+    end = point.vector + whole
+    inside = jnp.all((end >= lower) & (end <= upper))
+    return jnp.where(believed & inside & ~near, whole, move), believed | near
 
 
 def _moved(vector: Array, move: Array, lower: Array, upper: Array) -> Array:

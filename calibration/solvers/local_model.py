@@ -23,10 +23,13 @@ class Triangular(NamedTuple):
         R.
     projected : Array, shape (p,)
         Q' times the residuals.
+    basis : Array, shape (n, p)
+        Q.
     """
 
     triangle: Array
     projected: Array
+    basis: Array
 
     @classmethod
     def of(cls, residuals: Array, jacobian: Array) -> "Triangular":
@@ -34,7 +37,12 @@ class Triangular(NamedTuple):
         count = jacobian.shape[1]
         padded = jnp.concatenate([jacobian, jnp.zeros((count, count))])
         q, triangle = jnp.linalg.qr(padded)
-        return cls(triangle, q[: residuals.shape[0]].T @ residuals)
+        basis = q[: residuals.shape[0]]
+        return cls(triangle, basis.T @ residuals, basis)
+
+    def against(self, residuals: Array, jacobian: Array) -> "Triangular":
+        """The same Jacobian (n, p) with other residuals (n,)."""
+        return self._replace(projected=self.basis.T @ residuals)
 
     def gradient(self) -> Array:
         """Gradient of half the sum of squares, shape (p,)."""
@@ -93,6 +101,10 @@ class Gram(NamedTuple):
     def of(cls, residuals: Array, jacobian: Array) -> "Gram":
         """Linear model from residuals (n,) and Jacobian (n, p)."""
         return cls(jacobian.T @ jacobian, jacobian.T @ residuals)
+
+    def against(self, residuals: Array, jacobian: Array) -> "Gram":
+        """The same Jacobian (n, p) with other residuals (n,)."""
+        return self._replace(slope=jacobian.T @ residuals)
 
     def gradient(self) -> Array:
         """Gradient of half the sum of squares, shape (p,)."""

@@ -41,6 +41,20 @@ def logarithm(v, _):
     return jnp.log(v) - jnp.log(jnp.array([0.02]))
 
 
+def square_root(v, x):
+    """Not a number where v[1] passes the first reading."""
+    return v[0] * jnp.sqrt(x - v[1]) - 2.0 * jnp.sqrt(x - 0.9)
+
+
+def log_of_difference(v, x):
+    return jnp.log(v[0] * x - v[1]) - jnp.log(3.0 * x - 2.5)
+
+
+def bent_valley(v, _):
+    """Rosenbrock's valley, steeper and bent more: crept along without the curvature."""
+    return jnp.stack([1e3 * (v[1] - v[0] ** 3), 1.0 - v[0]])
+
+
 def solve(residuals, start, lower=None, upper=None, arguments=None, **options):
     start = np.asarray(start, float)
     lower = np.full(start.shape, -np.inf) if lower is None else np.asarray(lower, float)
@@ -152,6 +166,49 @@ def test_a_region_without_numbers_on_the_way_is_stepped_around():
     assert 3.0 + 3.0 * (np.log(0.02) - np.log(3.0)) < 0.0
     assert int(end.status) in box_lm.CONVERGED
     assert float(end.vector[0]) == pytest.approx(0.02, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("residuals", "start", "truth"),
+    [
+        (square_root, (0.3, 0.2), (2.0, 0.9)),
+        (log_of_difference, (9.0, -9.0), (3.0, 2.5)),
+    ],
+)
+@pytest.mark.parametrize("bend", [True, False])
+def test_steps_into_a_region_without_numbers_are_shortened(residuals, start, truth, bend):
+    x, start = np.linspace(1.0, 4.0, 9), np.array(start)
+    # The full Gauss-Newton step does land there.
+    jacobian = np.asarray(jax.jacfwd(residuals)(start, x))
+    full = start - np.linalg.lstsq(jacobian, np.asarray(residuals(start, x)))[0]
+    assert np.all(np.isfinite(jacobian)) and np.any(np.isnan(residuals(full, x)))
+    end = solve(residuals, start, arguments=x, bend=bend)
+    assert int(end.status) in box_lm.CONVERGED
+    np.testing.assert_allclose(end.vector, truth, rtol=1e-6)
+
+
+def test_a_derivative_that_is_not_finite_at_the_start_is_no_start():
+    # sqrt(0) is a number, its slope is not.
+    x = np.linspace(1.0, 4.0, 9)
+    assert np.all(np.isfinite(square_root(np.array([1.0, 1.0]), x)))
+    end = solve(square_root, (1.0, 1.0), arguments=x)
+    assert int(end.status) == box_lm.BAD_START and int(end.steps) == 0
+
+
+def test_the_bend_saves_steps_in_a_bent_valley():
+    bent = solve(bent_valley, (-1.0, -1.0))
+    straight = solve(bent_valley, (-1.0, -1.0), bend=False)
+    for end in (bent, straight):
+        assert int(end.status) in box_lm.CONVERGED
+        np.testing.assert_allclose(end.vector, 1.0, rtol=1e-9)
+    assert 2 * int(bent.steps) < int(straight.steps)
+
+
+def test_a_bent_step_stays_in_the_box():
+    lower, upper = np.array([-2.0, -1.5]), np.array([0.5, 0.4])
+    end = solve(bent_valley, (-1.0, -1.0), lower, upper)
+    assert int(end.status) in box_lm.CONVERGED
+    np.testing.assert_allclose(end.vector, (0.5, 0.125), rtol=1e-6)
 
 
 def test_a_minimum_behind_a_cliff_is_not_called_converged():
