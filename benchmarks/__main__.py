@@ -17,7 +17,10 @@ PARTS = {
     "coverage": ("benchmarks.coverage", "Coverage of the 95 % intervals"),
     "process": ("benchmarks.process", "The command as a whole process"),
     "plan": ("benchmarks.plan", "Feed schedules"),
-    "sampling": ("benchmarks.sampling", "Sampling the posterior"),
+    "many": ("benchmarks.many", "Ten thousand small fits"),
+    "sampling": ("benchmarks.sampling", "Effective draws per second"),
+    "first": ("benchmarks.first_result", "The first posterior of a process"),
+    "simulation": ("benchmarks.simulation", "Simulation-based calibration"),
 }
 
 

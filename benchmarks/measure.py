@@ -12,7 +12,17 @@ from typing import Any
 
 import numpy as np
 
-LIBRARIES = ("jax", "jaxlib", "numpy", "scipy", "lmfit", "emcee", "equinox", "procmodel")
+LIBRARIES = (
+    "jax",
+    "jaxlib",
+    "numpy",
+    "scipy",
+    "lmfit",
+    "emcee",
+    "blackjax",
+    "equinox",
+    "procmodel",
+)
 _UNITS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"))
 
 
@@ -73,14 +83,19 @@ def _block(call: Callable[[], Any], calls: int) -> tuple[float, Any]:
         gc.enable()
 
 
+def timed[Outcome](call: Callable[[], Outcome]) -> tuple[float, Outcome]:
+    """Seconds of a call, and what it returned."""
+    begin = time.perf_counter()
+    outcome = call()
+    return time.perf_counter() - begin, outcome
+
+
 def first_call[Outcome](call: Callable[[], Outcome]) -> tuple[float, Outcome]:
     """Seconds of a call with nothing compiled yet, and what it returned."""
     import jax
 
     jax.clear_caches()
-    begin = time.perf_counter()
-    outcome = call()
-    return time.perf_counter() - begin, outcome
+    return timed(call)
 
 
 def spread(values: np.ndarray, digits: int = 3) -> str:

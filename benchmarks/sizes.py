@@ -17,8 +17,8 @@ class Sizes:
     process_repeats: int
     plan_layers: tuple[int, ...]
     plan_repeats: int
-    draws: int
-    sampling_repeats: int
+    seeds: int
+    simulated: int
 
 
 FULL = Sizes(
@@ -32,8 +32,8 @@ FULL = Sizes(
     process_repeats=7,
     plan_layers=(125, 500),
     plan_repeats=5,
-    draws=8_000,
-    sampling_repeats=5,
+    seeds=12,
+    simulated=500,
 )
 
 # For trying the parts out: the figures mean nothing.
@@ -48,6 +48,6 @@ QUICK = Sizes(
     process_repeats=2,
     plan_layers=(25, 50),
     plan_repeats=2,
-    draws=800,
-    sampling_repeats=2,
+    seeds=3,
+    simulated=20,
 )

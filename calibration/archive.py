@@ -159,20 +159,21 @@ def load_result(path: str | Path) -> SavedResult:
     try:
         with xarray.open_datatree(path, engine="h5netcdf") as opened:
             tree = opened.load()
-        if tree.attrs["format"] != _FORMAT:
-            raise InputError(
-                f"{path.name} is {tree.attrs['format']!r}, but this version reads {_FORMAT!r}: "
-                "read it with the version that wrote it."
+        written_as = str(tree.attrs["format"])
+        if written_as == _FORMAT:
+            fit, table, criteria = (
+                json.loads(tree.attrs[name]) for name in ("fit", "intervals", "information")
             )
-        fit, table, criteria = (
-            json.loads(tree.attrs[name]) for name in ("fit", "intervals", "information")
-        )
+            return SavedResult(tree, fit, IntervalTable.from_dict(table), criteria)
     except (OSError, KeyError, ValueError, TypeError):
         raise InputError(
             f"{path.name} is not a result of this library: give a file that `procmodel fit` or "
             "save_result wrote."
         ) from None
-    return SavedResult(tree, fit, IntervalTable.from_dict(table), criteria)
+    raise InputError(
+        f"{path.name} is {written_as!r}, but this version reads {_FORMAT!r}: read it with the "
+        "version that wrote it."
+    )
 
 
 def information(result: FitResult) -> dict[str, float | None]:

@@ -15,6 +15,7 @@ References
 import abc
 import functools
 import math
+import numbers
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -179,14 +180,18 @@ class StudentT(Noise):
         """The degrees of freedom, if a parameter."""
         return {self.freedom: (0.0, math.inf)} if isinstance(self.freedom, str) else {}
 
+    def _freedom(self, values: Values) -> Array:
+        """Degrees of freedom; where they make no difference any more they have no effect."""
+        return jnp.minimum(jnp.asarray(_value(self.freedom, values), float), _NORMAL_FROM)
+
     def log_likelihood(self, prediction: Array, y: Array, sigma: Array, values: Values) -> Array:
         """Of Student's t with scale sigma."""
-        freedom = jnp.asarray(_value(self.freedom, values))
+        freedom = self._freedom(values)
         return _student((y - prediction) / sigma, freedom) - jnp.log(sigma)
 
     def rows(self, prediction: Array, y: Array, sigma: Array, values: Values) -> tuple[Array, ...]:
         """Deviations, the log of sigma, and the degrees of freedom."""
-        freedom = jnp.asarray(_value(self.freedom, values))
+        freedom = self._freedom(values)
         z, nu = _fixed((y - prediction) / sigma), _fixed(freedom)
         pull = (nu + 1.0) * z / (nu + z**2)
         located = jnp.sqrt((nu + 1.0) / (nu + 3.0))
@@ -197,9 +202,7 @@ class StudentT(Noise):
             return location, _anchored(jnp.log(sigma), score, scaled)
         # Scale and shape inform each other: rows by the Cholesky factor of their information.
         cross = -2.0 / ((nu + 1.0) * (nu + 3.0)) / scaled
-        own = 0.25 * (polygamma(1, 0.5 * nu) - polygamma(1, 0.5 * (nu + 1.0)))
-        own = own - 0.5 * (nu + 5.0) / (nu * (nu + 1.0) * (nu + 3.0))
-        left = jnp.sqrt(jnp.maximum(own - cross**2, 1e-3 * own))
+        left = jnp.sqrt(_shape_information(nu) - cross**2)
         of_shape = -jax.vmap(jax.grad(_student, argnums=1), (0, None))(z, nu)
         moves = jnp.broadcast_to(freedom, z.shape)
         first = _anchored(jnp.log(sigma), score, scaled) + _anchored(moves, 0.0 * score, cross)
@@ -303,7 +306,7 @@ class Robust(Noise):
     threshold: float | None = None
 
     def __post_init__(self) -> None:
-        if self.loss not in _LOSSES:
+        if self.loss not in tuple(_LOSSES):
             raise InputError(f"loss {self.loss!r} is unknown{nearest(self.loss, tuple(_LOSSES))}.")
         least = 1.0 if self.loss == "cauchy" else 0.0
         if self.threshold is not None and not least < self.threshold < math.inf:
@@ -358,6 +361,11 @@ class Robust(Noise):
         self, rng: np.random.Generator, prediction: np.ndarray, sigma: np.ndarray, values: Any
     ) -> np.ndarray:
         """Readings of the density that is proportional to exp(-cost)."""
+        if self.loss == "cauchy":
+            # Student's t in another scale; its tails may be too long for any table.
+            freedom = self._k**2 - 1.0
+            stretch = self._k / math.sqrt(freedom)
+            return prediction + sigma * stretch * rng.standard_t(freedom, np.shape(prediction))
         grid = np.sinh(np.linspace(-12.0, 12.0, 20_001))
         density = np.exp(-np.asarray(self._rho(grid, np)))
         steps = 0.5 * (density[1:] + density[:-1]) * np.diff(grid)
@@ -369,18 +377,43 @@ class Robust(Noise):
 
 @functools.cache
 def _log_integral(noise: Robust) -> float:
-    half, _ = scipy.integrate.quad(lambda z: math.exp(-float(noise._rho(z, np))), 0.0, math.inf)
-    return math.log(2.0 * half)
+    def density(z: float) -> float:
+        return math.exp(-float(noise._rho(z, np)))
+
+    # Huber's loss has a kink in its curvature at the threshold.
+    near, _ = scipy.integrate.quad(density, 0.0, noise._k, epsabs=0.0, epsrel=1e-12)
+    far, _ = scipy.integrate.quad(density, noise._k, math.inf, epsabs=0.0, epsrel=1e-11)
+    return math.log(2.0 * (near + far))
+
+
+# Degrees of freedom from which on Student's t is taken for normal: the optimum of readings without
+# outliers lies at infinity, and a fit has to end on the way there.
+_NORMAL_FROM = 1e6
+# From here on differences of gamma functions lose digits, and their series in 1/freedom has all.
+_MANY_FREEDOM = 50.0
 
 
 def _student(z: Array, freedom: Array) -> Array:
     """Log density of Student's t."""
-    return (
-        gammaln(0.5 * (freedom + 1.0))
-        - gammaln(0.5 * freedom)
-        - 0.5 * jnp.log(freedom * jnp.pi)
-        - 0.5 * (freedom + 1.0) * jnp.log1p(z**2 / freedom)
-    )
+    many = freedom > _MANY_FREEDOM
+    few = jnp.where(many, _MANY_FREEDOM, freedom)
+    at_zero = gammaln(0.5 * (few + 1.0)) - gammaln(0.5 * few) - 0.5 * jnp.log(few * jnp.pi)
+    part = 1.0 / jnp.where(many, freedom, _MANY_FREEDOM)
+    series = 1 / 4 - part**2 * (1 / 24 - part**2 * (1 / 20 - part**2 * 17 / 112))
+    at_zero = jnp.where(many, -HALF_LOG_TWO_PI - part * series, at_zero)
+    return at_zero - 0.5 * (freedom + 1.0) * jnp.log1p(z**2 / freedom)
+
+
+def _shape_information(freedom: Array) -> Array:
+    """Expected information of one reading about the degrees of freedom [1]."""
+    many = freedom > _MANY_FREEDOM
+    few = jnp.where(many, _MANY_FREEDOM, freedom)
+    exact = 0.25 * (polygamma(1, 0.5 * few) - polygamma(1, 0.5 * (few + 1.0)))
+    exact = exact - 0.5 * (few + 5.0) / (few * (few + 1.0) * (few + 3.0))
+    nu = jnp.where(many, freedom, _MANY_FREEDOM)
+    series = -0.5 / nu**5 + 1.5 / nu**7 - 8.5 / nu**9
+    series = series + 0.5 * (7.0 * nu + 3.0) / (nu**3 * (nu + 1.0) * (nu + 3.0))
+    return jnp.where(many, series, exact)
 
 
 def _anchored(moving: Array, value: Any, slope: Any) -> Array:
@@ -399,7 +432,7 @@ def _value(number_or_name: float | str, values: Values) -> Any:
 def _require_number_or_name(what: str, value: Any, low: float, high: float) -> None:
     if isinstance(value, str):
         return
-    if not (isinstance(value, int | float) and low < value < high):
+    if not (isinstance(value, numbers.Real) and low < float(value) < high):
         between = f"above {low:g}" if math.isinf(high) else f"between {low:g} and {high:g}"
         raise InputError(
             f"{what} is {value!r}, but must be a number {between} or the name of a parameter."

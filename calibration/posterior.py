@@ -21,6 +21,7 @@ RHAT_ALLOWED = 1.01
 # Effective draws wanted of each chain, for the bulk and for the tails (Vehtari et al. 2021).
 EFFECTIVE_WANTED = 100
 _DIVERGENT_ALLOWED = 0.002
+_STEPS_JUDGED = 500
 
 
 def as_tree(
@@ -73,16 +74,20 @@ def as_tree(
         parameter = problem.parameters.get(name)
         if parameter is not None and parameter.unit:
             tree["posterior"][name].attrs["unit"] = parameter.unit
-    tree.attrs = _attributes(problem, steps, origin, tree)
+    tree.attrs = _attributes(problem, steps, origin)
     return tree
 
 
-def _attributes(
-    problem: Problem, steps: Steps, origin: dict[str, Any], tree: xarray.DataTree
-) -> dict[str, Any]:
+def _attributes(problem: Problem, steps: Steps, origin: dict[str, Any]) -> dict[str, Any]:
+    import arviz_base
     import arviz_stats
 
-    free = tree["posterior"].dataset[list(problem.layout.free)]
+    # Neighbouring steps of walkers say much the same: a few hundred of each tell all there is.
+    apart = max(1, len(steps.positions) // _STEPS_JUDGED) if steps.positions.shape[2] > 1 else 1
+    judged = np.moveaxis(steps.positions[::apart], 0, 2)
+    judged = judged.reshape(len(judged), -1, judged.shape[-1])
+    columns = {name: judged[:, :, i] for i, name in enumerate(problem.layout.free)}
+    free = arviz_base.from_dict({"posterior": columns})["posterior"].dataset
 
     def of_all(values: xarray.Dataset, worst: Any) -> float:
         return float(worst([float(values[name]) for name in problem.layout.free]))
@@ -203,10 +208,14 @@ def with_predictions(
         problem.structure, natural, levels, problem.fixed_values, problem.data()
     )
     rng = np.random.default_rng(seed)
-    values = _all_values(problem.structure, natural, problem.fixed_values)
+    values = {
+        name: np.asarray(drawn)
+        for name, drawn in _all_values(problem.structure, natural, problem.fixed_values).items()
+    }
     drawn, mean, density = {}, {}, {}
     for i, (name, dataset) in enumerate(problem.datasets.items()):
-        mean[name] = np.asarray(means[i]).reshape(*shape, -1)
+        predictions = np.asarray(means[i])
+        mean[name] = predictions.reshape(*shape, -1)
         density[name] = np.asarray(densities[i]).reshape(*shape, -1)
         rows = []
         for k in range(len(natural)):
@@ -217,7 +226,7 @@ def with_predictions(
             else:
                 level = at[dataset.sigma] if dataset.sigma_kind == "parameter" else levels[k, i]
                 sigma = np.full(len(dataset.y), level)
-            rows.append(dataset.noise.draw(rng, np.asarray(means[i][k]), sigma, at))
+            rows.append(dataset.noise.draw(rng, predictions[k], sigma, at))
         drawn[name] = np.stack(rows).reshape(*shape, -1)
     added = arviz_base.from_dict(
         {"posterior_predictive": drawn, "predictions_mean": mean, "log_likelihood": density}
@@ -270,7 +279,9 @@ def _square_deviations(structure: ProblemStructure, vectors: Array, arguments: t
 
 
 def _noise_label(problem: Problem, name: str) -> str:
-    return "noise" if len(problem.datasets) == 1 else f"noise_{name}"
+    label = "noise" if len(problem.datasets) == 1 else f"noise_{name}"
+    # A parameter of that name keeps it.
+    return f"{label}_level" if label in problem.parameters else label
 
 
 def _noise_draws(

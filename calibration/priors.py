@@ -72,6 +72,8 @@ class Normal(Prior):
     std: float
 
     def __post_init__(self) -> None:
+        if not math.isfinite(self.mean):
+            raise InputError(f"prior mean is {self.mean}, but must be a finite number.")
         _require_positive("std", self.std)
 
     @property
@@ -194,6 +196,10 @@ class Uniform(Prior):
         return rng.uniform(self.low, self.high, size)
 
 
+# Small beside the curvature of anything that the data or the prior tell.
+_LEAST_CURVATURE = 1e-4
+
+
 class _ByDensity(Prior):
     """A prior known by its log density alone; its row follows from the density's derivatives."""
 
@@ -210,8 +216,10 @@ class _ByDensity(Prior):
         """A row with the gradient of the cost, and its curvature where that is positive."""
         fixed = jax.lax.stop_gradient(jnp.asarray(value, float))
         slope, bend = jax.grad(self.cost)(fixed), jax.grad(jax.grad(self.cost))(fixed)
-        # Where the density is flat or bends the wrong way, the squared slope keeps a step finite.
-        root = jnp.sqrt(jnp.where(bend > 0, bend, slope**2 + jnp.finfo(float).tiny))
+        # Where the log density is straight or bends upwards it has no information to give; a share
+        # of the squared slope keeps the row finite.
+        least = _LEAST_CURVATURE * slope**2 + jnp.finfo(float).tiny
+        root = jnp.sqrt(jnp.maximum(bend, least))
         return root * (value - fixed) + slope / root
 
 
@@ -285,6 +293,8 @@ class Truncated(Prior):
     def __post_init__(self) -> None:
         if not isinstance(self.prior, Prior):
             raise InputError(f"{self.prior!r} is not a prior: cut one such as Normal(mean, std).")
+        if math.isnan(self.low) or math.isnan(self.high):
+            raise InputError(f"truncated prior needs numbers, not {self.low}, {self.high}.")
         low, high = self.support
         if not low < high:
             raise InputError(

@@ -27,8 +27,9 @@ from procmodel.precision import require_float64
 SAMPLERS = ("auto", "stretch", "emcee", "nuts")
 # Steps kept when nothing is said: a step of NUTS is worth some fifty of the stretch move.
 STEPS = {"stretch": 4_000, "emcee": 4_000, "nuts": 1_000}
+ENSEMBLES = {"stretch": 4, "emcee": 4, "nuts": 8}
 # From here on gradients pay: stretch moves mix ever more slowly with the number of parameters.
-NUTS_FROM = 8
+NUTS_FROM = 5
 _NUTS_WARMUP = 600
 _CLOUD = 256
 
@@ -39,7 +40,7 @@ def sample(
     draws: int | None = None,
     sampler: str = "auto",
     *,
-    ensembles: int = 4,
+    ensembles: int | None = None,
     walkers: int | None = None,
     warmup: int | None = None,
     start: FitResult | None = None,
@@ -62,10 +63,11 @@ def sample(
     sampler : {"auto", "stretch", "emcee", "nuts"}
         "stretch" is our compiled ensemble of the stretch move, "emcee" the same move by emcee for
         models outside JAX, "nuts" blackjax' no-U-turn sampler. "auto" takes "emcee" for a black
-        box, "nuts" from 8 free parameters on and "stretch" below; the DataTree says which and why.
-    ensembles : int
-        Independent ensembles of walkers, or chains of "nuts", at least 2. They are the chains of
-        the DataTree: the walkers of one ensemble know of each other and are not.
+        box, "nuts" from 5 free parameters on and "stretch" below; the DataTree says which and why.
+    ensembles : int, optional
+        Independent ensembles of walkers (4 when left out), or chains of "nuts" (8), at least 2.
+        They are the chains of the DataTree: the walkers of one ensemble know of each other and
+        are not.
     walkers : int, optional
         Walkers of an ensemble, at least twice the number of free parameters.
     warmup : int, optional
@@ -104,6 +106,7 @@ def sample(
             f"walkers is {walkers}, but must be even and at least {2 * dimensions}, twice the "
             "number of free parameters."
         )
+    ensembles = ENSEMBLES[chosen] if ensembles is None else ensembles
     draws = STEPS[chosen] * walkers if draws is None else draws
     if ensembles < 2 or draws < walkers or seed < 0:
         raise InputError(

@@ -124,11 +124,13 @@ def simulation_check(
     Raises
     ------
     InputError
-        If a prior cannot be drawn from, or a noise level is unknown.
+        If a prior cannot be drawn from, a noise level is unknown, or a run is too short.
     """
     require_float64("A simulation check")
     if not problem.noise_known:
         raise InputError("a simulation needs to know the noise: give sigma, or a parameter for it.")
+    if repeats < 1:
+        raise InputError(f"repeats is {repeats}, but must be at least 1, better some hundred.")
     rng = np.random.default_rng(seed)
     truths = _truths(problem, repeats, rng)
     ranks: list[np.ndarray] = []
@@ -140,14 +142,16 @@ def simulation_check(
             readings = (simulate or functools.partial(_readings, problem))(rng, values)
             simulated = _with_readings(problem, readings, truth)
             start = fit(simulated)
-            if not start.converged:
+            if start.converged:
+                chosen, draws = draws_alone(
+                    simulated, start, int(rng.integers(2**31)), sampler, steps, warmup
+                )
+                count = len(draws)
+                if count == 0:
+                    raise InputError(f"steps is {steps}, too few to keep a draw: raise it.")
+                ranks.append(np.sum(draws < truth, axis=0))
+            else:
                 failed += 1
-                continue
-            chosen, draws = draws_alone(
-                simulated, start, int(rng.integers(2**31)), sampler, steps, warmup
-            )
-            count = len(draws)
-            ranks.append(np.sum(draws < truth, axis=0))
             told.running("calibrations", number + 1, repeats)
     if not ranks:
         raise InputError("no simulated readings could be fitted: check priors and model.")
@@ -192,14 +196,23 @@ def _farthest(ordered: np.ndarray) -> np.ndarray:
     points = np.arange(1, _BINS) / _BINS
     size = ordered.shape[1]
     below = np.stack([np.sum(ordered <= point, axis=1) for point in points], axis=1)
-    at_most = scipy.stats.binom.cdf(below, size, points)
-    at_least = scipy.stats.binom.sf(below - 1, size, points)
-    return np.min(2.0 * np.minimum(at_most, at_least), axis=1)
+    counts = np.arange(size + 1)[:, None]
+    at_most = scipy.stats.binom.cdf(counts, size, points)
+    at_least = scipy.stats.binom.sf(counts - 1, size, points)
+    # One row for each count that there can be, looked up for those that there are.
+    chances = 2.0 * np.minimum(at_most, at_least)
+    return np.min(chances[below, np.arange(len(points))], axis=1)
 
 
 def _truths(problem: Problem, count: int, rng: np.random.Generator) -> np.ndarray:
     """Draws of the free parameters from their priors, inside their bounds, shape (count, p)."""
     priors = dict(problem.layout.priors)
+    for name, _ in problem.layout.tied:
+        if name in priors:
+            raise InputError(
+                f"parameter {name!r} is tied and has a prior, so that the free ones cannot be "
+                "drawn from theirs alone: drop it for this check."
+            )
     columns = []
     for name, (low, high) in zip(problem.layout.free, problem.layout.bounds, strict=True):
         prior = priors.get(name)
@@ -248,7 +261,9 @@ def _with_readings(problem: Problem, readings: dict[str, np.ndarray], truth: np.
     for name, value in zip(problem.layout.free, truth, strict=True):
         parameters[name] = dataclasses.replace(parameters[name], value=float(value))
     datasets: dict[str, Dataset] = {
-        name: dataclasses.replace(dataset, y=readings[name])
-        for name, dataset in problem.datasets.items()
+        name: dataclasses.replace(dataset, y=readings[name], function=function)
+        for (name, dataset), function in zip(
+            problem.datasets.items(), problem.structure.functions, strict=True
+        )
     }
-    return Problem(parameters, datasets, problem.structure.functions[0], problem.name)
+    return Problem(parameters, datasets, name=problem.name)

@@ -5,8 +5,8 @@ import importlib.util
 import re
 import sys
 import tomllib
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,10 +18,34 @@ if TYPE_CHECKING:
     from calibration.priors import Prior
     from calibration.problem import Dataset, Problem
 
-_TOP = ("model", "name", "black_box", "parameters", "data", "fit", "profile", "sample", "out")
-_PARAMETER = ("value", "unit", "bounds", "prior", "transform", "fixed", "tied")
-_DATA = ("name", "file", "x", "y", "sigma", "x_sigma", "noise", "own", "model")
-_SAMPLE = ("draws", "seed", "sampler", "ensembles", "walkers", "warmup", "checkpoint")
+# What the value of a key may be, as errors say it; None where something else looks at it.
+_TEXT = ("text in quotes", (str,))
+_NUMBER = ("a number", (int, float))
+_COUNT = ("a whole number", (int,))
+_SWITCH = ("true or false", (bool,))
+_SIGMA = ("a number or text in quotes", (int, float, str))
+_Kind = tuple[str, tuple[type, ...]]
+_Kinds = Mapping[str, _Kind | None]
+_TOP: _Kinds = {
+    **dict.fromkeys(("model", "name", "out"), _TEXT),
+    "black_box": _SWITCH,
+    **dict.fromkeys(("parameters", "data", "fit", "profile", "sample")),
+}
+_PARAMETER: _Kinds = {
+    "value": _NUMBER,
+    **dict.fromkeys(("unit", "transform", "tied"), _TEXT),
+    "fixed": _SWITCH,
+    **dict.fromkeys(("bounds", "prior")),
+}
+_DATA: _Kinds = {
+    **dict.fromkeys(("name", "file", "model"), _TEXT),
+    **dict.fromkeys(("sigma", "x_sigma"), _SIGMA),
+    **dict.fromkeys(("x", "y", "noise", "own")),
+}
+_SAMPLE: _Kinds = {
+    **dict.fromkeys(("draws", "seed", "ensembles", "walkers", "warmup"), _COUNT),
+    **dict.fromkeys(("sampler", "checkpoint"), _TEXT),
+}
 
 
 @dataclass(frozen=True)
@@ -76,7 +100,8 @@ def read_job(path: Path) -> FitJob:
     for key in ("model", "parameters", "data"):
         if key not in job:
             raise InputError(f"{path.name}: key {key!r} is missing; a job needs it.")
-    function = _model(path, job["model"], bool(job.get("black_box", False)))
+    black_box = job.get("black_box", False)
+    function = _model(path, job["model"], black_box)
     tables = job["data"] if isinstance(job["data"], list) else [job["data"]]
     parameters = {
         name: _parameter(path, name, given, function)
@@ -90,25 +115,42 @@ def read_job(path: Path) -> FitJob:
         name = str(table.get("name", "data" if len(tables) == 1 else f"data{number}"))
         if name in datasets:
             raise InputError(f"{path.name}: two data sets are called {name!r}: rename one.")
-        datasets[name] = _dataset(path, where, table, list(parameters))
+        datasets[name] = _dataset(path, where, table, list(parameters), black_box)
     from calibration.problem import Problem
 
     problem = Problem(parameters, datasets, function, job.get("name"))
     _require_sound_model(problem)
-    fitting = _table(path, "fit", job.get("fit", {}))
+    fitting = _fitting(path, _table(path, "fit", job.get("fit", {})))
     sampling = _asked(path, "sample", job.get("sample"), _SAMPLE)
     if sampling and "checkpoint" in sampling:
         sampling["checkpoint"] = path.parent / str(sampling["checkpoint"])
     return FitJob(
         problem=problem,
         fit=fitting,
-        profile=_asked(path, "profile", job.get("profile"), ("level",)),
+        profile=_asked(path, "profile", job.get("profile"), {"level": _NUMBER}),
         sample=sampling,
         out=path.parent / str(job["out"]) if "out" in job else None,
     )
 
 
-def _asked(path: Path, key: str, given: Any, known: tuple[str, ...]) -> dict[str, Any] | None:
+def _fitting(path: Path, table: dict[str, Any]) -> dict[str, Any]:
+    """Options of the fit, each of the kind that its solver wants."""
+    from calibration.fitting import SOLVERS
+
+    solver = table.get("solver", "box_lm")
+    if solver not in SOLVERS:
+        hint = nearest(str(solver), tuple(SOLVERS))
+        raise InputError(f"{path.name}: solver {solver!r} is unknown{hint}.")
+    module, options = SOLVERS[solver]
+    by_type: dict[type, _Kind] = {bool: _SWITCH, int: _COUNT}
+    kinds: dict[str, _Kind] = {"solver": _TEXT, "starts": _COUNT}
+    for option in fields(getattr(importlib.import_module(module), options)):
+        kinds[option.name] = by_type.get(type(option.default), _NUMBER)
+    _check_keys(path, "fit", table, kinds)
+    return dict(table)
+
+
+def _asked(path: Path, key: str, given: Any, known: _Kinds) -> dict[str, Any] | None:
     """Options of a step that is switched on by true or by a table of its options."""
     if given is None or given is False:
         return None
@@ -144,8 +186,9 @@ def _model(path: Path, given: Any, black_box: bool) -> Callable[..., Any]:
             module = importlib.import_module(place)
     except InputError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         # Whatever the user's own file raises is told in a sentence, not as a traceback.
+        sys.modules.pop(Path(place).stem, None)
         raise InputError(
             f"{path.name}: importing {place!r} failed with {type(error).__name__}: "
             f"{_one_line(error)}; correct that file."
@@ -153,9 +196,8 @@ def _model(path: Path, given: Any, black_box: bool) -> Callable[..., Any]:
     function = getattr(module, name, None)
     if not callable(function):
         functions = [n for n, v in vars(module).items() if callable(v) and not n.startswith("_")]
-        raise InputError(
-            f"{path.name}: {place} has no function {name!r}{nearest(name, functions)}."
-        )
+        hint = nearest(name, functions) if functions else ": write it"
+        raise InputError(f"{path.name}: {place} has no function {name!r}{hint}.")
     if black_box:
         from calibration.black_box import BlackBox
 
@@ -200,12 +242,18 @@ def _prior(path: Path, where: str, given: Any) -> "Prior":
     }
     table = dict(_table(path, f"{where}.prior", given))
     within = table.pop("within", None)
+    if within is not None and not (
+        isinstance(within, list) and len(within) == 2 and all(map(_is_number, within))
+    ):
+        raise InputError(f"{path.name}: {where}.prior.within must be [low, high].")
     if len(table) != 1:
         raise InputError(f"{path.name}: {where}.prior must name one of {', '.join(known)}.")
     ((kind, numbers),) = table.items()
     if kind not in known:
         raise InputError(f"{path.name}: prior {kind!r} is unknown{nearest(kind, tuple(known))}.")
     numbers = numbers if isinstance(numbers, list) else [numbers]
+    if not all(map(_is_number, numbers)):
+        raise InputError(f"{path.name}: {where}.prior: {kind} takes numbers, not {numbers!r}.")
     try:
         prior = known[kind](*map(float, numbers))
         return prior if within is None else priors.Truncated(prior, *map(float, within))
@@ -248,7 +296,9 @@ def _noise(path: Path, where: str, given: Any) -> "Noise":
         ) from None
 
 
-def _dataset(path: Path, where: str, table: dict[str, Any], parameters: list[str]) -> "Dataset":
+def _dataset(
+    path: Path, where: str, table: dict[str, Any], parameters: list[str], black_box: bool
+) -> "Dataset":
     from calibration.problem import Dataset
     from procmodel.io import read_table
 
@@ -256,6 +306,8 @@ def _dataset(path: Path, where: str, table: dict[str, Any], parameters: list[str
         if key not in table:
             raise InputError(f"{path.name}: {where} has no {key!r}: write {key} = ...")
     xs = table["x"] if isinstance(table["x"], list) else [table["x"]]
+    if not xs:
+        raise InputError(f"{path.name}: {where}.x is empty: name one column or more.")
     headings = {key: table[key] for key in ("y", "sigma", "x_sigma") if _is_heading(table.get(key))}
     columns = [_column(path, where, heading) for heading in (*xs, *headings.values())]
     source = path.parent / str(table["file"])
@@ -272,9 +324,17 @@ def _dataset(path: Path, where: str, table: dict[str, Any], parameters: list[str
             f"{path.name}: {where}.sigma is {sigma!r}, which is neither a parameter nor a column "
             f'with its unit such as "sigma [um]"{nearest(sigma, parameters)}.'
         )
+    if isinstance(table.get("x_sigma"), str) and "x_sigma" not in by_key:
+        raise InputError(
+            f"{path.name}: {where}.x_sigma is {table['x_sigma']!r}, but must be a number or a "
+            'column with its unit such as "x_sigma [um]".'
+        )
+    own = _table(path, f"{where}.own", table.get("own", {}))
+    _check_keys(path, f"{where}.own", own, dict.fromkeys(own, _TEXT))
     named = {column.name: read.values[column.name] for column in columns[: len(xs)]}
-    own_model = table.get("model")
     options: dict[str, Any] = {}
+    if "model" in table:
+        options["function"] = _model(path, table["model"], black_box)
     if "noise" in table:
         options["noise"] = _noise(path, where, table["noise"])
     try:
@@ -282,8 +342,7 @@ def _dataset(path: Path, where: str, table: dict[str, Any], parameters: list[str
             x=named if isinstance(table["x"], list) else next(iter(named.values())),
             y=by_key["y"],
             sigma=sigma,
-            function=None if own_model is None else _model(path, own_model, black_box=False),
-            own=_table(path, f"{where}.own", table.get("own", {})),
+            own=own,
             x_sigma=by_key.get("x_sigma", table.get("x_sigma")),
             **options,
         )
@@ -315,15 +374,43 @@ def _require_sound_model(problem: "Problem") -> None:
         jax.eval_shape(
             problem.structure.predictions, problem.start, problem.fixed_values, problem.data()
         )
+        _call_black_boxes(problem)
     except InputError:
         raise
     except (jax.errors.TracerArrayConversionError, jax.errors.ConcretizationTypeError):
-        return  # the fit says what to do about it
+        raise InputError(
+            f"model {problem.name!r} needs its parameters as plain numbers, as NumPy, math and "
+            "'if' do: write it with jax.numpy (and jnp.where), or set black_box = true in the job."
+        ) from None
     except Exception as error:
         raise InputError(
             f"model {problem.name!r} failed with {type(error).__name__}: {_one_line(error)}; "
             "correct the function."
         ) from None
+
+
+def _call_black_boxes(problem: "Problem") -> None:
+    """JAX does not look into a black box: called at the start, it shows what it returns."""
+    import numpy as np
+
+    from calibration.black_box import BlackBox
+    from calibration.parameters import NamedParameters
+
+    layout = problem.layout
+    natural = layout.natural(problem.start, problem.fixed_values)
+    values = {name: float(value) for name, value in natural.items()}
+    for function, dataset in zip(
+        problem.structure.functions, problem.datasets.values(), strict=True
+    ):
+        if not isinstance(function, BlackBox):
+            continue
+        renamed = values | {inner: values[outer] for inner, outer in dataset.own.items()}
+        shape = np.shape(function.function(NamedParameters(renamed), dataset.x))
+        if shape != dataset.y.shape:
+            raise InputError(
+                f"model {function.__name__!r} returned shape {shape} for {len(dataset.y)} "
+                "readings: it must return one value for each."
+            )
 
 
 def _table(path: Path, key: str, given: Any) -> dict[str, Any]:
@@ -332,11 +419,26 @@ def _table(path: Path, key: str, given: Any) -> dict[str, Any]:
     return given
 
 
-def _check_keys(path: Path, where: str, table: dict[str, Any], known: tuple[str, ...]) -> None:
-    for key in table:
+def _check_keys(path: Path, where: str, table: dict[str, Any], known: _Kinds) -> None:
+    """Refuse keys that are not known, and values of another kind than theirs."""
+    place = f" in {where}" if where else ""
+    for key, value in table.items():
         if key not in known:
-            place = f"in {where} " if where else ""
-            raise InputError(f"{path.name}: unknown key {key!r} {place}{nearest(key, known)}.")
+            raise InputError(
+                f"{path.name}: unknown key {key!r}{place}{nearest(key, tuple(known))}."
+            )
+        kind = known[key]
+        # Python takes true for 1; in a job file it is a slip.
+        if kind is not None and not (
+            isinstance(value, kind[1]) and (bool in kind[1] or not isinstance(value, bool))
+        ):
+            raise InputError(
+                f"{path.name}: key {key!r}{place} is {value!r}, but must be {kind[0]}."
+            )
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _one_line(error: BaseException) -> str:

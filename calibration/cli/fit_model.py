@@ -1,5 +1,6 @@
 """`procmodel fit`, `report` and `compare`: a model of the user's own, from job file to verdict."""
 
+import sys
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -53,24 +54,14 @@ def fit_command(
         raise InputError(f"{out.name}: a result ends in .nc: rename it.")
     options.check_outputs(out, plot=plot)
     sampling = asked.sample if asked.sample is not None else ({} if sample else None)
-    if sampling is None and (draws or seed is not None or checkpoint or resume):
+    if sampling is None and (draws is not None or seed is not None or checkpoint or resume):
         raise InputError("--draws, --seed, --checkpoint and --resume go with --sample: add it.")
     given = {"draws": draws, "seed": seed, "checkpoint": checkpoint}
     if sampling is not None:
         sampling = sampling | {k: v for k, v in given.items() if v is not None}
         sampling["resume"] = resume
-    result, table_of_starts = _fitted(asked, starts)
-    curves, tree = None, None
-    if result.converged and (profile or asked.profile is not None):
-        from calibration.profiling import profile as profile_of
-
-        curves = profile_of(result, **(asked.profile or {}))
-    if result.converged and sampling is not None:
-        from calibration.posterior import with_predictions
-        from calibration.sampling import sample as sample_from
-
-        tree = sample_from(asked.problem, start=result, progress=True, **sampling)
-        tree = with_predictions(asked.problem, tree)
+    profiling = asked.profile if asked.profile is not None else ({} if profile else None)
+    result, table_of_starts, curves, tree = _computed(asked, starts, profiling, sampling)
     intervals = compare_intervals(result, curves, tree, curves.level if curves else 0.95)
     if out is not None:
         save_result(out, result, curves, tree)
@@ -100,12 +91,43 @@ def fit_command(
         raise typer.Exit(console.NOT_CONVERGED)
 
 
+def _computed(
+    asked: Any, starts: int | None, profiling: dict | None, sampling: dict | None
+) -> tuple[Any, list[str], Any, Any]:
+    """Fit, table of its starts, profile and draws, the last two None where not asked for."""
+    from jax.errors import JaxRuntimeError
+
+    curves, tree = None, None
+    try:
+        result, table_of_starts = _fitted(asked, starts)
+        if result.converged and profiling is not None:
+            from calibration.profiling import profile as profile_of
+
+            curves = profile_of(result, **profiling)
+        if result.converged and sampling is not None:
+            from calibration.posterior import with_predictions
+            from calibration.sampling import sample as sample_from
+
+            # A bar that nobody watches would only leave its last state among the messages.
+            watched = sys.stderr.isatty()
+            tree = sample_from(asked.problem, start=result, progress=watched, **sampling)
+            tree = with_predictions(asked.problem, tree)
+    except JaxRuntimeError as error:
+        # A black box that failed at values other than the start: its own words come last.
+        last = str(error).strip().splitlines()[-1]
+        raise InputError(
+            f"model {asked.problem.name!r} failed while it was fitted ({last}): correct the "
+            "function, or keep the parameters within bounds where it works."
+        ) from None
+    return result, table_of_starts, curves, tree
+
+
 def _fitted(asked: Any, starts: int | None) -> tuple[Any, list[str]]:
     """The fit, and the table of its starts where there are several."""
     from calibration.fitting import fit
 
     fit_options = dict(asked.fit)
-    count = starts or fit_options.pop("starts", None)
+    count = fit_options.pop("starts", None) if starts is None else starts
     fit_options.pop("starts", None)
     if count is None or count == 1:
         return fit(asked.problem, **fit_options), []

@@ -61,8 +61,8 @@ def fit_command(
         Path | None, typer.Option("--posterior", help="Sample, and save the posterior (netCDF).")
     ] = None,
     draws: Annotated[
-        int, typer.Option("--draws", help="Draws in each of the four ensembles.")
-    ] = 30_000,
+        int | None, typer.Option("--draws", help="Draws of each ensemble or chain.")
+    ] = None,
     seed: Annotated[int, typer.Option("--seed", help="Seed of the sampler.")] = 0,
     out: Annotated[
         Path | None, typer.Option("--out", help="Write the JSON here too, for 'wear plan --fit'.")
@@ -88,6 +88,8 @@ def fit_command(
     if seed < 0:
         raise InputError(f"--seed is {seed}, but must be 0 or more.")
     options.check_outputs(out, posterior, plot=plot)
+    if posterior is not None and posterior.suffix != ".nc":
+        raise InputError(f"{posterior.name}: a posterior ends in .nc: rename it.")
     measured = read_profile(profile)
     if noise is not None and measured.sigma is not None:
         raise InputError(f"{profile.name} has a sigma column and --noise is given: drop one.")
@@ -143,14 +145,16 @@ def result_as_dict(found: "CavityFit") -> dict[str, Any]:
     return result
 
 
-def _sample_to(found: "CavityFit", path: Path, draws: int, seed: int) -> tuple[dict[str, Any], str]:
+def _sample_to(
+    found: "CavityFit", path: Path, draws: int | None, seed: int
+) -> tuple[dict[str, Any], str]:
     """Sample and save the posterior; its summary for JSON and for people."""
+    from calibration.archive import save_result
+    from calibration.posterior import with_predictions
     from calibration.sampling import sample
-    from procmodel.io import writing
 
     tree = sample(found.result.problem, seed=seed, draws=draws, start=found.result, progress=True)
-    with writing(path) as temporary:
-        tree.to_netcdf(temporary, engine="h5netcdf")
+    save_result(path, found.result, posterior=with_predictions(found.result.problem, tree))
     draws_of = tree["posterior"].dataset["wear_ratio"]
     summary = {
         "file": str(path),

@@ -231,7 +231,10 @@ def _advance(
 
 def _flat(keys: Array, hmc: Any, adaptation: Any, done: Array) -> dict[str, Array]:
     leaves = jax.tree.leaves((keys, hmc, adaptation, done))
-    return {f"leaf_{i}": leaf for i, leaf in enumerate(leaves)}
+    # Of a plain dtype: a weakly typed leaf, as blackjax begins with, would be compiled for anew.
+    return {
+        f"leaf_{i}": jax.lax.convert_element_type(leaf, leaf.dtype) for i, leaf in enumerate(leaves)
+    }
 
 
 def _unflat(state: dict[str, Array]) -> tuple[Array, Any, Any, Array]:

@@ -99,8 +99,10 @@ def _advance(
 
     def step(i: Array, carry: tuple) -> tuple:
         (key, positions, densities), chain = carry
-        key, first, second = jax.random.split(key, 3)
         half = positions.shape[1] // 2
+        # All random numbers of a step at once: each call of the generator costs as much as many.
+        key, now = jax.random.split(key)
+        first, second = jax.random.uniform(now, (2, 3, positions.shape[0], half))
         a, b = positions[:, :half], positions[:, half:]
         lp_a, lp_b = densities[:, :half], densities[:, half:]
         a, lp_a, moved_a = _stretch(log_density, first, a, lp_a, b, arguments)
@@ -122,18 +124,17 @@ def _advance(
 
 
 def _stretch(
-    log_density: LogDensity, key: Array, moving: Array, lp: Array, others: Array, arguments: Any
+    log_density: LogDensity, uniform: Array, moving: Array, lp: Array, others: Array, arguments: Any
 ) -> tuple[Array, Array, Array]:
     """Stretch every walker of one half towards or away from a random one of the other half."""
-    ensembles, walkers, count = moving.shape
-    choose, scale, accept = jax.random.split(key, 3)
-    partner = jax.random.randint(choose, (ensembles, walkers), 0, others.shape[1])
+    count = moving.shape[-1]
+    choose, scale, accept = uniform
+    partner = jnp.floor(choose * others.shape[1]).astype(int)
     anchors = jnp.take_along_axis(others, partner[..., None], axis=1)
-    uniform = jax.random.uniform(scale, (ensembles, walkers))
-    z = ((STRETCH - 1.0) * uniform + 1.0) ** 2 / STRETCH
+    z = ((STRETCH - 1.0) * scale + 1.0) ** 2 / STRETCH
     proposal = anchors + z[..., None] * (moving - anchors)
     new_lp = jax.vmap(jax.vmap(lambda v: log_density(v, arguments)))(proposal)
     # A ball stretched by z in p dimensions has z^(p-1) times the shell's volume.
     ratio = (count - 1) * jnp.log(z) + new_lp - lp
-    taken = jnp.log(jax.random.uniform(accept, (ensembles, walkers))) < ratio
+    taken = jnp.log(accept) < ratio
     return jnp.where(taken[..., None], proposal, moving), jnp.where(taken, new_lp, lp), taken
