@@ -1,7 +1,8 @@
 """Models outside JAX: NumPy code, a simulator, a look-up, with derivatives by differences."""
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -68,10 +69,19 @@ class BlackBox:
 _failures: dict[BlackBox, str] = {}
 
 
-def explained(functions: Sequence[Any]) -> InputError | None:
-    """What to raise for a `jax.errors.JaxRuntimeError`, if one of these models was its cause."""
-    boxes = [f for f in functions if isinstance(f, BlackBox) and f in _failures]
-    return InputError(_failures.pop(boxes[0])) if boxes else None
+@contextmanager
+def failures_explained(functions: Sequence[Any]) -> Iterator[None]:
+    """A block in which what stopped one of these models is raised as its `InputError`.
+
+    JAX itself tells of a failure inside a callback in several lines, cut short.
+    """
+    try:
+        yield
+    except jax.errors.JaxRuntimeError as error:
+        boxes = [f for f in functions if isinstance(f, BlackBox) and f in _failures]
+        if not boxes:
+            raise
+        raise InputError(_failures.pop(boxes[0])) from error
 
 
 def _evaluate(box: BlackBox, params: dict[str, np.ndarray], x: Any) -> np.ndarray:

@@ -10,6 +10,7 @@ import jax
 import numpy as np
 from jax import Array
 
+from calibration.black_box import failures_explained
 from calibration.identify import Identifiability, analyse
 from calibration.noise import Robust
 from calibration.problem import Problem
@@ -82,12 +83,13 @@ def fit(problem: Problem, solver: str = "box_lm", **options: Any) -> FitResult:
         and not problem.informing_priors
         and problem.structure.least_squares
     )
-    levels = (1.0,) if alone else _first_noise_levels(problem)
+    levels = (1.0,) if alone else first_noise_levels(problem)
     start, rounds, steps = problem.start, 1, 0
     while True:
         arguments = (problem.fixed_values, problem.data(levels))
         try:
-            outcome = run(problem.structure, start, lower, upper, arguments)
+            with failures_explained(problem.structure.functions):
+                outcome = run(problem.structure, start, lower, upper, arguments)
         except (jax.errors.TracerArrayConversionError, jax.errors.ConcretizationTypeError):
             names = ", ".join(sorted({model_name(f) for f in problem.structure.functions}))
             raise InputError(
@@ -244,7 +246,8 @@ def _informed(problem: Problem, outcome: Outcome, levels: tuple[float, ...]) -> 
     )
 
 
-def _first_noise_levels(problem: Problem) -> tuple[float, ...]:
+def first_noise_levels(problem: Problem) -> tuple[float, ...]:
+    """Spread of the readings of each data set, to begin with where the noise is not known."""
     spreads = (float(np.std(d.y)) for d in problem.datasets.values())
     return tuple(s if s > 0 else 1.0 for s in spreads)
 

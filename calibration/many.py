@@ -21,6 +21,7 @@ from calibration.many_result import (
     ManyFits,
 )
 from calibration.parameters import Parameter, ParameterLayout
+from calibration.progress import Progress, ProgressOption, reporting
 from calibration.solvers import box_lm, lanes
 from calibration.solvers.lane_pool import Box, solve_all, usable_cores
 from calibration.solvers.lanes import OneFit, State
@@ -43,7 +44,7 @@ def fit_many(
     sigmas: Any = None,
     *,
     starts: Any = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: ProgressOption = None,
 ) -> ManyFits:
     """Fit one model to many sets of readings, each by itself.
 
@@ -66,8 +67,9 @@ def fit_many(
         its residuals.
     starts : array_like, shape (n, p), optional
         Start of each fit, in the order of the free parameters; their values when left out.
-    progress : callable, optional
-        ``progress(done, total)``, called now and then, from any thread but one at a time.
+    progress : bool or callable, optional
+        True for a bar on stderr, or a function of (stage, done, total), called from
+        any thread but one at a time.
 
     Returns
     -------
@@ -90,7 +92,9 @@ def fit_many(
     again as `calibration.fit` makes it. Several devices share the lanes. What is compiled belongs
     to the function object and the shapes: hand over the same function each time, not a new lambda.
     """
-    return _fit_all(function, parameters, (xs, ys, sigmas), starts, progress, need_some=True)
+    with reporting(progress) as told:
+        told.compiling("fits")
+        return _fit_all(function, parameters, (xs, ys, sigmas), starts, told, need_some=True)
 
 
 def _fit_all(
@@ -98,7 +102,7 @@ def _fit_all(
     parameters: Mapping[str, Parameter | float],
     data: tuple[Any, Any, Any],
     starts: Any = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
     need_some: bool = False,
 ) -> ManyFits:
     require_float64("Fitting many")
@@ -117,7 +121,7 @@ def _fit_all(
         nonlocal done
         done += more
         if progress is not None and more:
-            progress(done, total)
+            progress.running("fits", done, total)
 
     parts = []
     for group in groups:
@@ -135,7 +139,7 @@ def fit_stream(
     parameters: Mapping[str, Parameter | float],
     blocks: Iterable[tuple],
     *,
-    progress: Callable[[int], None] | None = None,
+    progress: ProgressOption = None,
 ) -> Iterator[ManyFits]:
     """Fit blocks of readings as they come, holding one block at a time.
 
@@ -146,8 +150,9 @@ def fit_stream(
     blocks : iterable of (xs, ys) or (xs, ys, sigmas)
         Each as for `fit_many`; some thousand fits each make good use of the machine, and blocks
         of the same shape are compiled once.
-    progress : callable, optional
-        ``progress(done)`` with all fits done so far, after each block.
+    progress : bool or callable, optional
+        True for a bar on stderr, or a function of (stage, done, total); the total
+        is 0, for a stream does not tell its length.
 
     Yields
     ------
@@ -162,17 +167,18 @@ def fit_stream(
         If JAX makes 32-bit floats.
     """
     done = 0
-    for i, block in enumerate(blocks):
-        if not isinstance(block, tuple) or len(block) not in (2, 3):
-            raise InputError(f"block {i + 1}: give a tuple (xs, ys) or (xs, ys, sigmas).")
-        try:
-            fits = _fit_all(function, parameters, (*block, None)[:3])
-        except InputError as error:
-            raise InputError(f"block {i + 1}: {error}") from None
-        done += len(fits)
-        if progress is not None:
-            progress(done)
-        yield fits
+    with reporting(progress) as told:
+        told.compiling("fits")
+        for i, block in enumerate(blocks):
+            if not isinstance(block, tuple) or len(block) not in (2, 3):
+                raise InputError(f"block {i + 1}: give a tuple (xs, ys) or (xs, ys, sigmas).")
+            try:
+                fits = _fit_all(function, parameters, (*block, None)[:3])
+            except InputError as error:
+                raise InputError(f"block {i + 1}: {error}") from None
+            done += len(fits)
+            told.running("fits", done, 0)
+            yield fits
 
 
 @dataclass(frozen=True)

@@ -323,6 +323,5 @@ def _to_internal(value: float, transform: str, between: tuple[float, float] | No
     if transform == "log":
         return math.log(value)
     if between is not None:
-        share = (value - between[0]) / (between[1] - between[0])
-        return math.log(share) - math.log1p(-share)
+        return math.log((value - between[0]) / (between[1] - value))
     return value

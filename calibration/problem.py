@@ -61,7 +61,7 @@ class Dataset:
     x_sigma: Any = None
 
     def __post_init__(self) -> None:
-        y = np.asarray(self.y, float)
+        y = _numbers("y", self.y)
         if y.ndim != 1 or len(y) == 0:
             raise InputError(f"y must be a list of readings, not an array of shape {y.shape}.")
         _require_finite("y", y)
@@ -177,7 +177,7 @@ class Problem:
                     f"{nearest(name, list(self.parameters))}."
                 )
             parameter = self.parameters[name]
-            lower, upper = parameter.bounds
+            lower = upper = parameter.value
             if name in self.layout.free:
                 lower, upper = self.layout.bounds[self.layout.free.index(name)]
             if parameter.tied is None and not (
@@ -308,12 +308,19 @@ def _as_parameter(name: str, value: Parameter | float) -> Parameter:
     raise InputError(f"parameter {name!r} is {value!r}: give a calibration.Parameter or a number.")
 
 
+def _numbers(name: str, given: Any) -> np.ndarray:
+    try:
+        return np.asarray(given, float)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} must be numbers, not {str(given)[:60]!r}.") from None
+
+
 def _deviations_of(name: str, given: Any, shape: tuple[int, ...]) -> np.ndarray:
     """Standard deviations, one for each reading."""
-    sigma = np.asarray(given, float)
+    sigma = _numbers(name, given)
     if sigma.shape not in ((), shape):
         raise InputError(
-            f"{name} has {sigma.size} values for {shape[0]} readings: give one, or one each."
+            f"{name} has shape {sigma.shape} for {shape[0]} readings: give one, or one each."
         )
     sigma = np.array(np.broadcast_to(sigma, shape))
     _require_finite(name, sigma)

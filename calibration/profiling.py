@@ -13,15 +13,17 @@ References
    dynamical models by exploiting the profile likelihood", Bioinformatics 25(15), 2009.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import jax
 import numpy as np
 
+from calibration.black_box import failures_explained
 from calibration.noise import Robust
 from calibration.profile_walk import Lower, Neighbourhood, Side, walk
+from calibration.progress import ProgressOption, reporting
 from calibration.result import FitResult, ParameterEstimate, student_quantile
 from procmodel.errors import InputError, nearest
 from procmodel.precision import require_float64
@@ -196,7 +198,7 @@ def profile(
     result: FitResult,
     names: Sequence[str] | str | None = None,
     level: float = 0.95,
-    progress: Callable[[str], object] | None = None,
+    progress: ProgressOption = None,
 ) -> ProfileLikelihood:
     """Profile-likelihood intervals of parameters of a finished fit.
 
@@ -208,8 +210,8 @@ def profile(
         Which parameters; all when left out.
     level : float
         Confidence level, between 0 and 1.
-    progress : callable, optional
-        Called with a sentence after each parameter.
+    progress : bool or callable, optional
+        True for a bar on stderr, or a function of (stage, done, total).
 
     Returns
     -------
@@ -240,11 +242,12 @@ def profile(
     around = _neighbourhood(result)
     lows: list[Lower] = []
     profiles = {}
-    for number, name in enumerate(wanted, start=1):
-        profiles[name], found = _parameter_profile(result, name, around, level)
-        lows += found
-        if progress is not None:
-            progress(f"{number} of {len(wanted)}: {name} {profiles[name].in_words()}")
+    with reporting(progress) as told, failures_explained(result.problem.structure.functions):
+        told.compiling("profiles")
+        for number, name in enumerate(wanted, start=1):
+            profiles[name], found = _parameter_profile(result, name, around, level)
+            lows += found
+            told.running("profiles", number, len(wanted))
     better, warnings = _better(result, around, lows)
     problem = result.problem
     if any(isinstance(dataset.noise, Robust) for dataset in problem.datasets.values()):

@@ -18,7 +18,7 @@ class Progress(Protocol):
         """A stage is being compiled; nothing can be counted yet."""
 
     def running(self, stage: str, done: int, total: int) -> None:
-        """So much of a stage is done."""
+        """So much of a stage is done; a total of 0 says that nobody knows it."""
 
 
 class _Silent:
@@ -61,14 +61,14 @@ class _Bar:
 
     def running(self, stage: str, done: int, total: int) -> None:
         now = time.monotonic()
-        if 0 < done < total and now - self._shown < 0.1:
+        if 0 < done != total and now - self._shown < 0.1:
             return
         self._shown = now
         # The time left is that of running alone: the clock starts when compiling has ended.
         task = self._task(stage, total)
-        if self._bar.tasks[task].total is None:
-            self._bar.reset(task, total=total)
-        self._bar.update(task, description=stage, completed=done, total=total)
+        if "compiling" in self._bar.tasks[task].description:
+            self._bar.reset(task, total=total or None)
+        self._bar.update(task, description=stage, completed=done, total=total or None)
 
 
 @contextmanager

@@ -11,7 +11,7 @@ import numpy as np
 import xarray
 from jax import Array
 
-from calibration.black_box import BlackBox
+from calibration.black_box import BlackBox, failures_explained
 from calibration.checkpoint import Checkpoint
 from calibration.fitting import fit
 from calibration.noise import Robust
@@ -143,7 +143,8 @@ def sample(
         }
         kept_in = None if checkpoint is None else Checkpoint(checkpoint, configuration, resume)
         engine = _engine(problem, chosen, clouds, warmup, seed_of_moves)
-        found = driver.run(engine, steps, kept_in, told)
+        with failures_explained(problem.structure.functions):
+            found = driver.run(engine, steps, kept_in, told)
     return as_tree(problem, found, rng, {"sampler": chosen, "sampler_reason": why, "seed": seed})
 
 

@@ -127,6 +127,8 @@ def simulation_check(
         If a prior cannot be drawn from, a noise level is unknown, or a run is too short.
     """
     require_float64("A simulation check")
+    if simulate is None and any(d.x_sigma is not None for d in problem.datasets.values()):
+        raise InputError("errors in x need the true x to be simulated: give simulate=.")
     if not problem.noise_known:
         raise InputError("a simulation needs to know the noise: give sigma, or a parameter for it.")
     if repeats < 1:

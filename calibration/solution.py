@@ -151,8 +151,12 @@ class Solution:
     @cached_property
     def _natural(self) -> dict[str, float]:
         layout = self.problem.layout
-        values = layout.natural(self.outcome.vector, self.problem.fixed_values)
-        return {name: float(value) for name, value in values.items()}
+        found = layout.natural(self.outcome.vector, self.problem.fixed_values)
+        values = {name: float(value) for name, value in found.items()}
+        # A transform returns a bound only to rounding, and just outside is outside.
+        for name, (low, high) in zip(layout.free, layout.bounds, strict=True):
+            values[name] = min(max(values[name], low), high)
+        return values
 
     @property
     def _reduced_chi2(self) -> float | None:

@@ -103,14 +103,12 @@ def _computed(
         if result.converged and profiling is not None:
             from calibration.profiling import profile as profile_of
 
-            curves = profile_of(result, **profiling)
+            curves = profile_of(result, progress=_watched(), **profiling)
         if result.converged and sampling is not None:
             from calibration.posterior import with_predictions
             from calibration.sampling import sample as sample_from
 
-            # A bar that nobody watches would only leave its last state among the messages.
-            watched = sys.stderr.isatty()
-            tree = sample_from(asked.problem, start=result, progress=watched, **sampling)
+            tree = sample_from(asked.problem, start=result, progress=_watched(), **sampling)
             tree = with_predictions(asked.problem, tree)
     except JaxRuntimeError as error:
         # A black box that failed at values other than the start: its own words come last.
@@ -137,10 +135,15 @@ def _fitted(asked: Any, starts: int | None) -> tuple[Any, list[str]]:
         raise InputError(
             f"several starts take the default solver: drop {', '.join(fit_options)} or the starts."
         )
-    found = multistart(asked.problem, starts=int(count))
+    found = multistart(asked.problem, starts=int(count), progress=_watched())
     if found.best is None:
         raise InputError(f"none of {count} starts led anywhere: {found.status}.")
     return found.best, [found.report()]
+
+
+def _watched() -> bool:
+    """Whether to show progress: a bar that nobody watches is litter among the messages."""
+    return sys.stderr.isatty()
 
 
 def _draws_as_dict(tree: Any) -> dict[str, Any]:

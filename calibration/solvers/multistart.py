@@ -15,7 +15,7 @@ import copy
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,9 +24,11 @@ import numpy as np
 from jax import Array
 from scipy.stats import qmc
 
-from calibration.fitting import _first_noise_levels, fit
+from calibration.black_box import failures_explained
+from calibration.fitting import first_noise_levels, fit
 from calibration.priors import Prior
 from calibration.problem import Problem
+from calibration.progress import ProgressOption, reporting
 from calibration.result import FitResult
 from calibration.solvers import box_lm
 from calibration.structure import ProblemStructure
@@ -157,7 +159,7 @@ def multistart(
     *,
     spread: float = 10.0,
     ranges: Mapping[str, tuple[float, float]] | None = None,
-    progress: Callable[[str], object] | None = None,
+    progress: ProgressOption = None,
     **options: Any,
 ) -> Multistart:
     """Fit from many starts and keep the best.
@@ -175,8 +177,8 @@ def multistart(
         else this many times the distance from the finite bound, or the size of the start value.
     ranges : mapping of str to (float, float), optional
         Natural values to draw a parameter between instead.
-    progress : callable, optional
-        Called with a sentence before and after the solves.
+    progress : bool or callable, optional
+        True for a bar on stderr, or a function of (stage, done, total).
     **options
         Settings of `calibration.solvers.box_lm`, such as ``max_steps``.
 
@@ -209,24 +211,22 @@ def multistart(
     # As in `fit`: with one data set and no prior the noise level scales everything alike.
     plain = problem.structure.least_squares
     alone = len(problem.datasets) == 1 and not problem.informing_priors and plain
-    levels = (1.0,) if alone else _first_noise_levels(problem)
+    levels = (1.0,) if alone else first_noise_levels(problem)
     arguments = (problem.fixed_values, problem.data(levels))
-    if progress is not None:
-        progress(f"solving from {starts} starts")
-    try:
-        solved = _solve_all(problem.structure, vectors, lower, upper, arguments, settings)
-    except (jax.errors.TracerArrayConversionError, jax.errors.ConcretizationTypeError):
-        fit(problem, **options)  # says what the model has to be written with
-        raise
-    ends, costs, codes, steps = (np.asarray(part) for part in solved)
+    with reporting(progress) as told, failures_explained(problem.structure.functions):
+        told.compiling("starts")
+        try:
+            solved = _solve_all(problem.structure, vectors, lower, upper, arguments, settings)
+        except (jax.errors.TracerArrayConversionError, jax.errors.ConcretizationTypeError):
+            fit(problem, **options)  # says what the model has to be written with
+            raise
+        ends, costs, codes, steps = (np.asarray(part) for part in solved)
+        told.running("starts", starts, starts)
     costs = np.where((codes == box_lm.BAD_START) | ~np.isfinite(costs), np.inf, costs)
     order = np.argsort(costs, kind="stable")
     found = _Ends(problem, vectors[order], ends[order], costs[order], codes[order], order + 1)
     best = _fit_from(problem, found, options)
-    outcome = found.result(best, steps[order])
-    if progress is not None:
-        progress(outcome.status)
-    return outcome
+    return found.result(best, steps[order])
 
 
 def started_at(problem: Problem, vector: np.ndarray) -> Problem:

@@ -342,9 +342,10 @@ def test_a_stream_equals_everything_at_once_to_the_bit():
     whole = fit_many(decay, parameters(), X, y)
     done = []
     blocks = ((X, y[i : i + 400]) for i in range(0, 1500, 400))
-    stream = list(fit_stream(decay, parameters(), blocks, progress=done.append))
+    stream = list(fit_stream(decay, parameters(), blocks, progress=lambda *seen: done.append(seen)))
     assert [len(part) for part in stream] == [400, 400, 400, 300]
-    assert done == [400, 800, 1200, 1500]
+    assert done[0] == ("fits", None, 0)
+    assert [count for _, count, _ in done[1:]] == [400, 800, 1200, 1500]
     for field in ("value", "std", "covariance", "status", "chi2", "steps"):
         joined = np.concatenate([getattr(part, field) for part in stream])
         np.testing.assert_array_equal(joined, getattr(whole, field))
@@ -361,9 +362,10 @@ def test_progress_counts_every_fit():
     _, y = decays(1500, seed=13)
     y[10, 0] = np.nan
     calls = []
-    fit_many(decay, parameters(), X, y, progress=lambda done, total: calls.append((done, total)))
-    done = [d for d, _ in calls]
-    assert done == sorted(done) and calls[-1] == (1500, 1500)
+    fit_many(decay, parameters(), X, y, progress=lambda *seen: calls.append(seen))
+    assert calls[0] == ("fits", None, 0)
+    done = [count for _, count, _ in calls[1:]]
+    assert done == sorted(done) and calls[-1] == ("fits", 1500, 1500)
 
 
 SHARDED = """

@@ -6,10 +6,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from calibration import HalfNormal, Normal, Parameter, Uniform
+from calibration import HalfNormal, Normal, Parameter, Problem, Uniform, fit
 from calibration.parameters import ParameterLayout
 from procmodel.errors import InputError
 
@@ -186,3 +186,116 @@ def test_layouts_of_equal_parameters_are_equal_and_hashable():
     # The range of a logit and the transform change what is compiled.
     assert layout(1.0) != layout(1.0, highest=8.0)
     assert layout(1.0) != layout(1.0, transform="log")
+
+
+@given(
+    low=st.floats(-1e6, 1e6),
+    width=st.floats(1e-6, 1e9),
+    share=st.floats(1e-9, 1.0 - 1e-9),
+)
+def test_a_logit_takes_any_value_between_any_bounds_there_and_back(low, width, share):
+    high, value = low + width, low + share * width
+    assume(low < value < high)
+    parameter = Parameter(value, bounds=(low, high), transform="logit")
+    layout = ParameterLayout.of({"a": parameter})
+    back = layout.free_values(layout.internal(np.array([value])))[0]
+    # The internal coordinate is good to some roundings of its own size, below 40 here.
+    slope = (value - low) * (high - value) / width
+    assert back == pytest.approx(value, rel=1e-14, abs=1e-14 * (40 * slope + abs(low) + width))
+    assert low <= back <= high
+    assert [ends[0] for ends in layout.internal_bounds()] == [-np.inf, np.inf]
+
+
+@given(value=st.floats(1e-300, 1e300), down=st.floats(1e-3, 1.0), up=st.floats(1.001, 1e3))
+def test_a_log_takes_any_positive_value_there_and_back(value, down, up):
+    bounds = (down * value, up * value)
+    layout = ParameterLayout.of({"a": Parameter(value, bounds=bounds, transform="log")})
+    # A relative error of the value is an absolute one of its log, which is up to 700.
+    back = layout.free_values(layout.internal(np.array([value])))[0]
+    assert back == pytest.approx(value, rel=1e-12)
+    ends = [layout.free_values(end)[0] for end in layout.internal_bounds()]
+    np.testing.assert_allclose(ends, bounds, rtol=1e-12)
+    lower, upper = layout.internal_bounds()
+    assert lower[0] <= layout.internal(np.array([value]))[0] <= upper[0]
+
+
+@given(vector=st.lists(st.floats(-20.0, 20.0), min_size=4, max_size=4))
+def test_slopes_are_those_of_finite_differences(vector):
+    vector, step = np.array(vector), 1e-5
+    above, below = LAYOUT.free_values(vector + step), LAYOUT.free_values(vector - step)
+    # The logit's values are near 9 at most, so that their differences round at 1e-15 / 1e-5.
+    np.testing.assert_allclose(
+        LAYOUT.slopes(vector), (above - below) / (2 * step), rtol=1e-8, atol=1e-9
+    )
+
+
+def product(params):
+    return params["a"] * params["area"] + params["b"]
+
+
+@given(a=st.floats(-5.0, 5.0), b=st.floats(-5.0, 5.0), area=st.floats(-1e3, 1e3))
+def test_tied_parameters_follow_wherever_the_others_go(a, b, area):
+    layout = ParameterLayout.of(
+        {
+            "twin": Parameter(0.0, tied="b"),
+            "a": Parameter(1.0, bounds=(0.0, math.inf), transform="log"),
+            "of fixed": Parameter(0.0, tied="area"),
+            "area": Parameter(area, fixed=True),
+            "b": Parameter(0.0),
+            "product": Parameter(0.0, tied=product),
+        }
+    )
+    values = layout.natural(np.array([a, b]), np.array([area]))
+    assert float(values["twin"]) == b and float(values["of fixed"]) == area
+    assert float(values["product"]) == pytest.approx(math.exp(a) * area + b, rel=1e-12, abs=1e-12)
+    assert layout.free == ("a", "b")
+
+
+def saturating(params, x):
+    return params["h"] * x / (params["k"] + x)
+
+
+def test_a_fit_ends_at_the_same_optimum_in_any_coordinate():
+    x = np.linspace(0.2, 9.0, 20)
+    y = 3.0 * x / (1.4 + x) + 0.05 * np.random.default_rng(6).normal(size=20)
+    found = {}
+    for transform in ("identity", "log", "logit"):
+        k = Parameter(4.0, bounds=(0.0, 20.0), transform=transform)
+        found[transform] = fit(
+            Problem.from_function(saturating, {"h": Parameter(1.0), "k": k}, x, y)
+        )
+        assert found[transform].converged, found[transform].status
+    for name in ("h", "k"):
+        plain = found["identity"].parameters[name]
+        for transform in ("log", "logit"):
+            other = found[transform].parameters[name]
+            assert other.value == pytest.approx(plain.value, abs=1e-6 * plain.std)
+            assert other.std == pytest.approx(plain.std, rel=1e-6)
+    # Only the interval knows of the coordinate: symmetric about the log of k, not about k.
+    low, high = found["log"].parameters["k"].interval95
+    value = found["log"].parameters["k"].value
+    assert low * high == pytest.approx(value**2, rel=1e-9)
+    assert low + high > 2.01 * value
+
+
+def test_the_curvature_of_a_tie_is_in_its_error():
+    # The error of exp(b) by the chain rule, and none for a tie to what is fixed.
+    parameters = {
+        "h": Parameter(3.0),
+        "k": Parameter(1.0, tied=lambda p: jnp.exp(p["log_k"])),
+        "log_k": Parameter(0.5),
+    }
+    x = np.linspace(0.2, 9.0, 20)
+    y = 3.0 * x / (1.4 + x) + 0.05 * np.random.default_rng(6).normal(size=20)
+    result = fit(Problem.from_function(saturating, parameters, x, y))
+    k, log_k = result.parameters["k"], result.parameters["log_k"]
+    assert k.value == pytest.approx(math.exp(log_k.value), rel=1e-12)
+    assert k.std == pytest.approx(k.value * log_k.std, rel=1e-9)
+
+
+def test_a_prior_that_is_zero_between_the_bounds_names_the_parameter():
+    with pytest.raises(
+        InputError, match=r"parameter 'gap': its prior .* \(0, 1\): change"
+    ) as found:
+        ParameterLayout.of({"gap": Parameter(0.5, bounds=(0.0, 1.0), prior=Uniform(2.0, 3.0))})
+    assert "\n" not in str(found.value)

@@ -1,10 +1,12 @@
 """Problems: what they refuse, several data sets, and what identifies the data."""
 
+import math
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from calibration import Dataset, Parameter, Problem, fit
+from calibration import AR1, Dataset, Gaussian, Parameter, Problem, Relative, Robust, StudentT, fit
 from procmodel.errors import InputError
 
 X = np.linspace(0.0, 5.0, 8)
@@ -36,6 +38,8 @@ def column(params, x):
     ("arguments", "sentence"),
     [
         ({"y": [1.0, np.nan, np.nan]}, "y has 2 values that are NaN or infinite.* reading 2"),
+        ({"y": [np.nan] * 3}, "y has 3 values that are NaN .* the first at reading 1: remove them"),
+        ({"sigma": -1.0}, "sigma of reading 1 is not above 0: correct it, or leave sigma out"),
         ({"y": [np.inf, 1.0, 2.0]}, "y has 1 values .* reading 1: remove them"),
         ({"x": np.array([0.0, 1.0, np.nan])}, "x has 1 values .* reading 3"),
         ({"x": {"z": np.array([0.0, np.inf, 1.0])}}, "x has 1 values .* reading 2"),
@@ -45,12 +49,13 @@ def column(params, x):
         ({"sigma": [1.0, 0.0, 1.0]}, "sigma of reading 2 is not above 0"),
         ({"sigma": [1.0, 1.0, -2.0]}, "sigma of reading 3 .* leave sigma out"),
         ({"sigma": [1.0, np.nan, 1.0]}, "sigma has 1 values that are NaN"),
-        ({"sigma": [1.0, 1.0]}, "sigma has 2 values for 3 readings"),
+        ({"sigma": [1.0, 1.0]}, "sigma has shape .2,. for 3 readings"),
     ],
 )
 def test_a_dataset_refuses(arguments, sentence):
-    with pytest.raises(InputError, match=sentence):
+    with pytest.raises(InputError, match=sentence) as found:
         Dataset(**({"x": [0.0, 1.0, 2.0], "y": [1.0, 2.0, 3.0], "sigma": 1.0} | arguments))
+    assert "\n" not in str(found.value) and str(found.value).endswith(".")
 
 
 def test_a_problem_refuses(models):
@@ -168,6 +173,32 @@ def test_data_sets_share_a_slope_and_keep_their_own_offsets():
         np.testing.assert_allclose(result.residuals[name], by_hand, atol=1e-7)
 
 
+def test_data_sets_have_fitted_noise_levels_of_their_own(models):
+    level = Parameter(1.0, bounds=(0.0, np.inf), transform="log")
+    parameters = {"a": Parameter(0.0), "b": Parameter(0.0), "fine": level, "coarse": level}
+    rng = np.random.default_rng(4)
+    sets = {
+        name: (np.linspace(0.0, 5.0, size), noise)
+        for name, size, noise in (("fine", 40, 0.1), ("coarse", 60, 1.0))
+    }
+    readings = {n: 1.0 + 0.5 * x + s * rng.normal(size=len(x)) for n, (x, s) in sets.items()}
+    datasets = {n: Dataset(x, readings[n], "s", own={"s": n}) for n, (x, _) in sets.items()}
+    result = fit(Problem(parameters, datasets, models.line))
+    # The greatest likelihood by turns: weighted least squares, then the rms of each set.
+    design = np.concatenate([np.stack([np.ones(len(x)), x], 1) for x, _ in sets.values()])
+    y, sizes = np.concatenate(list(readings.values())), [40, 60]
+    levels = np.ones(2)
+    for _ in range(200):
+        weights = np.repeat(1.0 / levels, sizes)
+        beta = np.linalg.lstsq(design * weights[:, None], y * weights)[0]
+        parts = np.split(y - design @ beta, [40])
+        levels = np.array([np.sqrt(np.mean(part**2)) for part in parts])
+    found = [result.parameters[n].value for n in ("a", "b", "fine", "coarse")]
+    assert found == pytest.approx([*beta, *levels], rel=1e-6)
+    stds = [result.parameters[n].std for n in ("fine", "coarse")]
+    assert stds == pytest.approx(levels / np.sqrt(2.0 * np.array(sizes)), rel=1e-6)
+
+
 def parabola(params, x):
     return params["b"] * x["first"] ** 2 + 0.0 * x["second"][0]
 
@@ -215,3 +246,56 @@ def test_size_slices_and_start(models):
     np.testing.assert_allclose(problem.start, [np.log(2.0), 0.5])
     assert not problem.noise_known
     assert problem.name == "line"
+
+
+def refusal(make):
+    with pytest.raises(InputError) as caught:
+        make()
+    sentence = str(caught.value)
+    assert "\n" not in sentence and sentence.endswith(".") and len(sentence) < 250
+    return sentence
+
+
+def with_noise(noise, level, **parameters):
+    free = {"own_offset": Parameter(0.0), "slope": Parameter(0.0)} | parameters
+    return lambda: Problem.from_function(shifted_line, free, X, Y, level, noise=noise)
+
+
+SCALE = Parameter(0.3, bounds=(0.0, math.inf))
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (with_noise(Gaussian(), "sgima", sigma=SCALE), ["'sgima'", "did you mean 'sigma'?"]),
+        (with_noise(StudentT("freedm"), 0.3, freedom=SCALE), ["'freedm'", "'freedom'?"]),
+        (with_noise(AR1("ph"), 0.3, phi=Parameter(0.0)), ["'ph'", "'phi'?"]),
+        (with_noise(Gaussian(), "s", s=Parameter(0.3)), ["'s'", "between 0 and inf"]),
+        (with_noise(AR1("phi"), 0.3, phi=Parameter(0.1)), ["'phi'", "between -1 and 1"]),
+        (
+            with_noise(AR1("phi"), 0.3, phi=Parameter(0.1, bounds=(-1.0, 1.5))),
+            ["'phi'", "between -1 and 1"],
+        ),
+        (
+            with_noise(Relative("share"), 0.3, share=Parameter(0.0, bounds=(0.0, 1.0))),
+            ["'share'", "between 0 and inf"],
+        ),
+        (with_noise(StudentT(), None), ["StudentT", "sigma estimated", "give it as a number"]),
+        (with_noise(AR1(0.5), None), ["AR1", "sigma estimated", "name of a parameter"]),
+        (with_noise(Robust(), "s", s=SCALE), ["Robust", "sigma parameter", "leave it out"]),
+        (with_noise("student", 0.3), ["noise 'student'", "such as StudentT"]),
+        (lambda: Robust("hubber"), ["'hubber'", "did you mean 'huber'?"]),
+        (lambda: Robust(["huber"]), ["['huber'] is unknown"]),
+        (lambda: Robust("cauchy", 1.0), ["threshold is 1.0", "above 1"]),
+        (lambda: Robust("huber", -1.0), ["threshold is -1.0", "above 0"]),
+        (lambda: StudentT(0.0), ["freedom is 0.0", "above 0", "name of a parameter"]),
+        (lambda: StudentT(math.nan), ["freedom is nan"]),
+        (lambda: StudentT(None), ["freedom is None"]),
+        (lambda: AR1(1.0), ["correlation is 1.0", "between -1 and 1"]),
+        (lambda: Relative(-0.1), ["share is -0.1", "above 0"]),
+    ],
+)
+def test_what_a_noise_model_cannot_use_is_named_in_a_sentence(make, words):
+    sentence = refusal(make)
+    for word in words:
+        assert word in sentence

@@ -84,7 +84,7 @@ def test_the_best_frequency_of_a_sine_is_found(sigma):
 
 def test_the_report_and_the_dictionary():
     told = []
-    found = multistart(sine_problem(), progress=told.append)
+    found = multistart(sine_problem(), progress=lambda *seen: told.append(seen))
     lines = found.report().splitlines()
     assert lines[0] == "multistart of sine, 32 starts"
     assert "best of" in lines[1]
@@ -94,7 +94,7 @@ def test_the_report_and_the_dictionary():
     assert sum(int(row[1]) for row in rows) == 32
     assert float(rows[0][2]) == pytest.approx(found.costs[0], rel=1e-5)
     assert float(rows[0][5]) == pytest.approx(2.7, abs=0.05)
-    assert told == ["solving from 32 starts", found.status]
+    assert told == [("starts", None, 0), ("starts", 32, 32)]
     data = json.loads(json.dumps(found.as_dict(), allow_nan=False))
     assert data["optimum"] == found.optimum.tolist() and len(data["costs"]) == 32
 
