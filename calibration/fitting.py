@@ -4,6 +4,7 @@ import dataclasses
 import functools
 import importlib
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import jax
@@ -13,6 +14,7 @@ from jax import Array
 from calibration.black_box import failures_explained
 from calibration.identify import Identifiability, analyse
 from calibration.noise import Robust
+from calibration.parameters import ParameterLayout
 from calibration.problem import Problem
 from calibration.result import FitResult
 from calibration.solution import Solution
@@ -46,7 +48,9 @@ def fit(problem: Problem, solver: str = "box_lm", **options: Any) -> FitResult:
     solver : {"box_lm", "optimistix", "scipy", "jaxopt"}
         Our bounded Levenberg-Marquardt, or one of the adapters.
     **options
-        Settings of that solver, such as ``max_steps`` and ``tolerance``.
+        Settings of that solver, such as ``max_steps`` and ``tolerance``. With "box_lm",
+        ``watch=function`` is called after every step with its number, the cost and a dictionary
+        of the free parameters.
 
     Returns
     -------
@@ -68,6 +72,8 @@ def fit(problem: Problem, solver: str = "box_lm", **options: Any) -> FitResult:
     by maximum likelihood, with intervals from the expected information.
     """
     require_float64("A fit")
+    if solver == "box_lm" and options.get("watch") is not None:
+        options["watch"] = _Watch(options["watch"], problem.layout)
     run = _solver(solver, options)
     _require_readings_by_their_own_x(problem)
     evidence = problem.size + problem.informing_priors
@@ -123,6 +129,19 @@ def fit(problem: Problem, solver: str = "box_lm", **options: Any) -> FitResult:
         sound=sound,
     )
     return solution.result(solver)
+
+
+@dataclass(frozen=True)
+class _Watch:
+    """Tells a caller's function of a step in natural units."""
+
+    function: Callable[[int, float, dict[str, float]], object]
+    layout: ParameterLayout
+
+    def __call__(self, step: Any, cost: Any, vector: Any) -> None:
+        # NumPy alone: a computation of JAX would wait for the one that is calling.
+        values = self.layout.free_values(np.asarray(vector)).tolist()
+        self.function(int(step), float(cost), dict(zip(self.layout.free, values, strict=True)))
 
 
 def _solver(name: str, options: dict[str, Any]) -> Callable[..., Outcome]:

@@ -82,6 +82,9 @@ class BoxLMOptions:
         Bend each step along the curvature of the model, for one more evaluation. Saves most of
         the steps in curved valleys and keeps far starts from running off; a model that is linear
         does not need it.
+    watch : callable, optional
+        Called after every step with its number, the cost and the parameters; `calibration.fit`
+        hands over the parameters by name, in natural units. Hashable; compiled in.
 
     Raises
     ------
@@ -93,6 +96,7 @@ class BoxLMOptions:
     tolerance: float = 1e-12
     linear_algebra: str = "qr"
     bend: bool = True
+    watch: Callable[..., None] | None = None
 
     def __post_init__(self) -> None:
         if self.linear_algebra not in LOCAL_MODELS:
@@ -220,6 +224,8 @@ def solve(
         growth = jnp.where(better, 2.0, 2.0 * state.growth)
 
         steps = state.steps + 1
+        if options.watch is not None:
+            jax.debug.callback(options.watch, steps, point.cost, point.vector, ordered=True)
         small = options.tolerance * misfit
         no_reduction = (jnp.abs(reduction) <= small) & (expected <= small) & (ratio <= 2.0)
         length = jnp.linalg.norm(scale * move)

@@ -155,6 +155,7 @@ def test_eight_correlated_parameters_with_unknown_noise(correlated):
     assert abs(distance.mean() - 1.0) > 4 * error
 
 
+@pytest.mark.slow
 def test_divergences_are_named():
     parameters = {
         **{name: Parameter(0.1, bounds=(-1e6, 1e6)) for name in "xyz"},

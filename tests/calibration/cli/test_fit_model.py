@@ -112,6 +112,7 @@ def test_a_fit_in_the_units_of_the_job(job, run_json):
     assert "posterior" not in answer
 
 
+@pytest.mark.slow
 def test_everything_at_once_then_report_and_compare(job, folder, run, run_json):
     out, picture = folder / "decay.nc", folder / "fit.png"
     arguments = ("fit", job(), "--profile", "--sample", "--draws", "32000", "--seed", "3",

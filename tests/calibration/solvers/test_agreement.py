@@ -125,3 +125,18 @@ def test_a_solver_without_bounds_refuses_an_answer_outside():
     result = fit(bounded(a=9.0, b=9.0), "optimistix")
     assert not result.converged
     assert "keeps no bounds and left them; use solver 'box_lm'" in result.status
+
+
+def test_every_step_can_be_watched(wear_problem):
+    seen = []
+
+    def watch(step, cost, values):
+        seen.append((step, cost, values))
+
+    result = fit(wear_problem, watch=watch)
+    assert [step for step, _, _ in seen] == list(range(1, result.steps + 1))
+    costs = [cost for _, cost, _ in seen]
+    assert costs == sorted(costs, reverse=True)
+    assert seen[-1][2] == {n: result.parameters[n].value for n in result.free}
+    with pytest.raises(InputError, match="solver 'scipy' has no option 'watch'"):
+        fit(wear_problem, solver="scipy", watch=watch)
