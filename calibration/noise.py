@@ -23,7 +23,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy.integrate
 from jax import Array
 from jax.scipy.special import gammaln, polygamma
 
@@ -377,6 +376,8 @@ class Robust(Noise):
 
 @functools.cache
 def _log_integral(noise: Robust) -> float:
+    import scipy.integrate  # slow to load, and needed by few
+
     def density(z: float) -> float:
         return math.exp(-float(noise._rho(z, np)))
 
