@@ -81,9 +81,8 @@ class Case:
         """Ours and the NumPy model have to agree before anything is compared."""
         exact = self.model(self.x, *self.true)
         problem = self.problem(exact)
-        data = tuple(d.x for d in problem.datasets.values())
         vector = problem.layout.internal(self.true)
-        (ours,) = problem.structure.predictions(vector, problem.fixed_values, data)
+        (ours,) = problem.structure.predictions(vector, problem.fixed_values, problem.data())
         worst = float(np.max(np.abs(np.asarray(ours) - exact)))
         if worst > 1e-10:
             raise RuntimeError(f"{self.title}: the two models differ by {worst:.2g} um")

@@ -109,6 +109,7 @@ def save_result(
         "format": _FORMAT,
         "model": result.problem.name,
         "data_hash": result.problem.data_hash,
+        "readings_hash": result.problem.readings_hash,
         "procmodel_version": importlib.metadata.version("procmodel"),
         "jax_version": jax.__version__,
         "fit": json.dumps(result.as_dict()),

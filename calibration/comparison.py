@@ -49,15 +49,15 @@ class Comparison:
 
     Attributes
     ----------
-    data_hash : str
-        The data.
+    readings_hash : str
+        The readings, x and y.
     scores : dict of str to ModelScore
         By the names given, the best first: by cross-validation where all have draws, else by AIC.
     verdict : str
         What follows, as a sentence.
     """
 
-    data_hash: str
+    readings_hash: str
     scores: dict[str, ModelScore]
     verdict: str
 
@@ -87,7 +87,7 @@ class Comparison:
                 ]
             )
         widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-        lines = [f"models of data {self.data_hash}"]
+        lines = [f"models of readings {self.readings_hash}"]
         for row in rows:
             cells = (f"{c:<{w}}" for c, w in zip(row, widths, strict=True))
             lines.append("  " + "  ".join(cells).rstrip())
@@ -102,7 +102,7 @@ class Comparison:
     def as_dict(self) -> dict[str, Any]:
         """The comparison as plain JSON types."""
         return {
-            "data_hash": self.data_hash,
+            "readings_hash": self.readings_hash,
             "models": {name: vars(score) for name, score in self.scores.items()},
             "verdict": self.verdict,
         }
@@ -129,13 +129,13 @@ def compare_models(results: Mapping[str, SavedResult]) -> Comparison:
     """
     if len(results) < 2:
         raise InputError("a comparison needs at least two results.")
-    hashes = {name: result.tree.attrs["data_hash"] for name, result in results.items()}
+    hashes = {name: result.tree.attrs["readings_hash"] for name, result in results.items()}
     first, *others = results
     for name in others:
         if hashes[name] != hashes[first]:
             raise InputError(
-                f"{first} is of data {hashes[first]}, {name} of {hashes[name]}: compare models of "
-                "the same data."
+                f"{first} is of readings {hashes[first]}, {name} of {hashes[name]}: compare models "
+                "of the same readings."
             )
     aics = {}
     for name, result in results.items():

@@ -182,10 +182,11 @@ def _solver(name: str, options: dict[str, Any]) -> Callable[..., Outcome]:
 
 def _held_at_bounds(outcome: Outcome, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
     """Which parameters a bound holds back: the misfit would fall outside, shape (p,)."""
-    gradient = outcome.jacobian.T @ outcome.residuals
+    with np.errstate(over="ignore", invalid="ignore"):  # readings near the greatest number
+        gradient = outcome.jacobian.T @ outcome.residuals
+        rms = np.sqrt(np.mean(outcome.residuals**2))
+        effect = np.linalg.norm(outcome.jacobian, axis=0)
     # Solvers of other libraries stop just inside: near is what hardly moves the residuals.
-    rms = np.sqrt(np.mean(outcome.residuals**2))
-    effect = np.linalg.norm(outcome.jacobian, axis=0)
     near = np.divide(_AT_BOUND * rms, effect, out=np.zeros_like(effect), where=effect > 0)
     at_lower = (outcome.vector - lower <= near) & (gradient >= 0)
     return at_lower | ((upper - outcome.vector <= near) & (gradient <= 0))

@@ -289,12 +289,21 @@ class Problem:
     @property
     def data_hash(self) -> str:
         """First 12 digits of the SHA-256 of all data sets; tells which data a result is from."""
+        return self._hash(with_errors=True)
+
+    @property
+    def readings_hash(self) -> str:
+        """The same of x and y alone: models of the same readings may differ in their noise."""
+        return self._hash(with_errors=False)
+
+    def _hash(self, with_errors: bool) -> str:
         digest = hashlib.sha256()
         for name, dataset in self.datasets.items():
             digest.update(name.encode())
             leaves = [*jax.tree.leaves(dataset.x), dataset.y]
-            leaves += [dataset.sigma] if dataset.sigma_kind == "given" else []
-            leaves += [] if dataset.x_sigma is None else [dataset.x_sigma]
+            if with_errors:
+                leaves += [dataset.sigma] if dataset.sigma_kind == "given" else []
+                leaves += [] if dataset.x_sigma is None else [dataset.x_sigma]
             for leaf in leaves:
                 digest.update(np.ascontiguousarray(leaf).tobytes())
         return digest.hexdigest()[:12]

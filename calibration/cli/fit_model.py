@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from calibration.cli import console, options
-from procmodel.errors import InputError
+from procmodel.errors import InputError, nearest
 
 Out = Annotated[
     Path | None, typer.Option("--out", help="Save the result (netCDF), for report and compare.")
@@ -47,6 +47,7 @@ def fit_command(
     from calibration.archive import information, save_result
     from calibration.cli.fit_job import read_job
     from calibration.intervals import compare_intervals
+    from calibration.sampling import SAMPLERS
 
     asked = read_job(job)
     out = out or asked.out
@@ -60,6 +61,9 @@ def fit_command(
     if sampling is not None:
         sampling = sampling | {k: v for k, v in given.items() if v is not None}
         sampling["resume"] = resume
+        name = sampling.get("sampler", "auto")
+        if name not in SAMPLERS:  # before the fit, which may take long
+            raise InputError(f"sampler {name!r} is unknown{nearest(name, SAMPLERS)}.")
     profiling = asked.profile if asked.profile is not None else ({} if profile else None)
     result, table_of_starts, curves, tree = _computed(asked, starts, profiling, sampling)
     intervals = compare_intervals(result, curves, tree, curves.level if curves else 0.95)

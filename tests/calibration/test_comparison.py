@@ -167,5 +167,20 @@ def test_refusals(models, results, tmp_path):
         chosen(results, "line")
     save_result(tmp_path / "other.nc", fit(problem(models, "line", Y + 0.1)))
     other = load_result(tmp_path / "other.nc")
-    with pytest.raises(InputError, match=r"line is of data \w+, other of \w+: compare models of"):
+    with pytest.raises(InputError, match=r"line is of readings \w+, other of \w+: compare models"):
         compare_models({"line": results["line"], "other": other})
+
+
+def test_models_of_the_same_readings_may_differ_in_their_noise(models, results, tmp_path):
+    line = {"a": Parameter(0.0), "b": Parameter(0.0)}
+    fitted = line | {"scatter": Parameter(0.5, bounds=(0.0, 5.0))}
+    asked = Problem(fitted, {"data": Dataset(X, Y, "scatter")}, models.line)
+    save_result(tmp_path / "fitted.nc", fit(asked))
+    fitted_noise = load_result(tmp_path / "fitted.nc")
+    found = compare_models({"given": results["line alone"], "fitted": fitted_noise})
+    # The parabola's rest is scatter to the line: its greatest likelihood is the misfit itself.
+    residuals = Y - DESIGNS["line"] @ np.linalg.lstsq(DESIGNS["line"], Y)[0]
+    level = np.sqrt(np.mean(residuals**2))
+    log_likelihood = scipy.stats.norm.logpdf(residuals, scale=level).sum()
+    assert found.scores["fitted"].aic == pytest.approx(6.0 - 2.0 * log_likelihood, abs=1e-6)
+    assert next(iter(found.scores)) == "fitted"

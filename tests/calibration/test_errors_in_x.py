@@ -149,7 +149,7 @@ def test_a_model_that_looks_at_other_readings_is_refused(model):
         ({"noise": StudentT()}, "errors in x need normal noise"),
         ({"x": {"t": [0.0, 1.0, 2.0]}}, "errors in x need x to be one array with a value per"),
         ({"x": np.ones((3, 2))}, "errors in x need x to be one array with a value per"),
-        ({"x_sigma": [0.1, 0.2]}, "x_sigma has 2 values for 3 readings: give one, or one each"),
+        ({"x_sigma": [0.1, 0.2]}, "x_sigma has shape .2,. for 3 readings: give one, or one each"),
         ({"x_sigma": [0.1, 0.0, 0.2]}, "x_sigma of reading 2 is not above 0: .* leave x_sigma out"),
         ({"x_sigma": -0.1}, "x_sigma of reading 1 is not above 0"),
         ({"x_sigma": [0.1, math.nan, 0.2]}, "x_sigma has 1 values that are NaN .* reading 2"),
