@@ -308,7 +308,7 @@ def results(tmp_path):
         (["report", "alien.nc"], ("alien.nc is not a result",)),
         (["report"], ("--help",)),
         (["compare", "one.nc"], ("at least two",)),
-        (["compare", "one.nc", "two.nc"], ("one is of data", "two of", "the same data")),
+        (["compare", "one.nc", "two.nc"], ("one is of readings", "two of", "the same readings")),
         (["compare", "one.nc", "one.nc"], ("named twice",)),
         (["compare", "one.nc", "alien.nc"], ("alien.nc is not a result",)),
     ],
