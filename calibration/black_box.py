@@ -13,6 +13,7 @@ from jax import Array
 from jax.custom_derivatives import SymbolicZero
 
 from calibration.parameters import NamedParameters
+from calibration.structure import model_name
 from procmodel.errors import InputError
 
 # A parameter below this may be on its way through zero: then its own size says nothing of a step.
@@ -73,10 +74,17 @@ _failures: dict[BlackBox, str] = {}
 def failures_explained(functions: Sequence[Any]) -> Iterator[None]:
     """A block in which what stopped one of these models is raised as its `InputError`.
 
-    JAX itself tells of a failure inside a callback in several lines, cut short.
+    Told are models that want plain numbers, and black boxes that failed: JAX itself tells of a
+    failure inside a callback in several lines, cut short.
     """
     try:
         yield
+    except (jax.errors.TracerArrayConversionError, jax.errors.ConcretizationTypeError):
+        names = ", ".join(sorted({model_name(function) for function in functions}))
+        raise InputError(
+            f"model {names} needs its parameters as plain numbers, as NumPy, math and 'if' do: "
+            "write it with jax.numpy (and jnp.where), or wrap it: BlackBox(function)."
+        ) from None
     except jax.errors.JaxRuntimeError as error:
         boxes = [f for f in functions if isinstance(f, BlackBox) and f in _failures]
         if not boxes:

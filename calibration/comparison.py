@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from calibration.archive import SavedResult
+from calibration.text import aligned
 from procmodel.errors import InputError
 
 # From here on the importance weights of cross-validation are not to be trusted (Vehtari et al.).
@@ -86,11 +87,7 @@ class Comparison:
                     behind,
                 ]
             )
-        widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-        lines = [f"models of readings {self.readings_hash}"]
-        for row in rows:
-            cells = (f"{c:<{w}}" for c, w in zip(row, widths, strict=True))
-            lines.append("  " + "  ".join(cells).rstrip())
+        lines = [f"models of readings {self.readings_hash}", *aligned(rows, "  ")]
         doubtful = [f"{n} {s.doubtful}" for n, s in self.scores.items() if s.doubtful]
         if doubtful:
             lines.append(

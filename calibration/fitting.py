@@ -19,8 +19,8 @@ from calibration.problem import Problem
 from calibration.result import FitResult
 from calibration.solution import Solution
 from calibration.solvers import box_lm
-from calibration.solvers.outcome import Outcome
-from calibration.structure import ProblemStructure, model_name
+from calibration.solvers.outcome import Outcome, held_at_bounds
+from calibration.structure import ProblemStructure
 from procmodel.errors import InputError, nearest
 from procmodel.precision import require_float64
 
@@ -32,8 +32,6 @@ SOLVERS = {
     "jaxopt": ("calibration.solvers.jaxopt_lbfgsb", "JaxoptOptions"),
 }
 _NOISE_ROUNDS = 50
-# A parameter is at a bound when the way there moves the residuals by less than this of their rms.
-_AT_BOUND = 1e-6
 # Of a normal distribution: its standard deviation over its median absolute deviation.
 _MEDIAN_TO_STD = 1.4826
 
@@ -83,30 +81,18 @@ def fit(problem: Problem, solver: str = "box_lm", **options: Any) -> FitResult:
             f"({', '.join(problem.layout.free)}): add readings or fix parameters."
         )
     lower, upper = problem.layout.internal_bounds()
-    # One data set without priors: its noise level scales everything alike, no need to repeat.
-    alone = (
-        len(problem.datasets) == 1
-        and not problem.informing_priors
-        and problem.structure.least_squares
-    )
-    levels = (1.0,) if alone else first_noise_levels(problem)
+    alone = problem.noise_scales_all
+    levels = first_noise_levels(problem)
     start, rounds, steps = problem.start, 1, 0
     while True:
         arguments = (problem.fixed_values, problem.data(levels))
-        try:
-            with failures_explained(problem.structure.functions):
-                outcome = run(problem.structure, start, lower, upper, arguments)
-        except (jax.errors.TracerArrayConversionError, jax.errors.ConcretizationTypeError):
-            names = ", ".join(sorted({model_name(f) for f in problem.structure.functions}))
-            raise InputError(
-                f"model {names} needs its parameters as plain numbers, as NumPy, math and 'if' do: "
-                "write it with jax.numpy (and jnp.where), or wrap it: BlackBox(function)."
-            ) from None
+        with failures_explained(problem.structure.functions):
+            outcome = run(problem.structure, start, lower, upper, arguments)
         steps += outcome.steps
         sound = bool(np.all(np.isfinite(outcome.jacobian)))
         if not sound:
             outcome = dataclasses.replace(outcome, jacobian=np.zeros_like(outcome.jacobian))
-        held = _held_at_bounds(outcome, lower, upper)
+        held = held_at_bounds(outcome.vector, outcome.residuals, outcome.jacobian, lower, upper)
         if rounds == 1 and sound and not alone:
             _require_readings_for_noise(problem, outcome)
         analysis = analyse(np.where(held, 0.0, outcome.jacobian))
@@ -178,18 +164,6 @@ def _solver(name: str, options: dict[str, Any]) -> Callable[..., Outcome]:
         )
 
     return run
-
-
-def _held_at_bounds(outcome: Outcome, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-    """Which parameters a bound holds back: the misfit would fall outside, shape (p,)."""
-    with np.errstate(over="ignore", invalid="ignore"):  # readings near the greatest number
-        gradient = outcome.jacobian.T @ outcome.residuals
-        rms = np.sqrt(np.mean(outcome.residuals**2))
-        effect = np.linalg.norm(outcome.jacobian, axis=0)
-    # Solvers of other libraries stop just inside: near is what hardly moves the residuals.
-    near = np.divide(_AT_BOUND * rms, effect, out=np.zeros_like(effect), where=effect > 0)
-    at_lower = (outcome.vector - lower <= near) & (gradient >= 0)
-    return at_lower | ((upper - outcome.vector <= near) & (gradient <= 0))
 
 
 def _require_readings_for_noise(problem: Problem, outcome: Outcome) -> None:
@@ -268,6 +242,8 @@ def _informed(problem: Problem, outcome: Outcome, levels: tuple[float, ...]) -> 
 
 def first_noise_levels(problem: Problem) -> tuple[float, ...]:
     """Spread of the readings of each data set, to begin with where the noise is not known."""
+    if problem.noise_scales_all:
+        return (1.0,)
     spreads = (float(np.std(d.y)) for d in problem.datasets.values())
     return tuple(s if s > 0 else 1.0 for s in spreads)
 

@@ -11,6 +11,7 @@ import xarray
 from calibration.noise import Robust
 from calibration.profiling import ParameterProfile, ProfileLikelihood
 from calibration.result import FitResult, ParameterEstimate
+from calibration.text import aligned, sections
 from procmodel.errors import InputError
 
 METHODS = ("Wald", "profile", "posterior")
@@ -137,17 +138,17 @@ class IntervalTable:
             best = f"{row.value:.6g}" + (f" {row.unit}" if row.unit else "")
             table.append([name, best, *words, row.verdict])
         lines = [f"{100 * self.level:g} % intervals of {self.model}, data {self.data_hash}"]
-        lines += _aligned(table)
+        lines += aligned(table, "  ")
         lines += [f"  {method}: {NOT_ASKED}" for method in METHODS if method not in asked]
-        for title, sentences in (
-            ("reasons", self._reasons(asked)),
-            ("combinations", self.combinations),
-            ("the data cannot tell", self.directions),
-            ("trade-offs", self.trades),
-            ("warnings", self.warnings),
-        ):
-            if sentences:
-                lines += ["", title, *(f"  {sentence}." for sentence in sentences)]
+        lines += sections(
+            (
+                ("reasons", self._reasons(asked)),
+                ("combinations", self.combinations),
+                ("the data cannot tell", self.directions),
+                ("trade-offs", self.trades),
+                ("warnings", self.warnings),
+            )
+        )
         return "\n".join(lines)
 
     def _interval(self, name: str, method: str) -> Interval:
@@ -381,9 +382,3 @@ def _remark(wald: Interval, curve: ParameterProfile | None) -> str:
     if not misses:
         return ""
     return f"Wald misses the {' and the '.join(misses)} of the profile's width; take the profile"
-
-
-def _aligned(table: list[list[str]]) -> list[str]:
-    widths = [max(len(row[i]) for row in table) for i in range(len(table[0]))]
-    rows = ("  ".join(f"{c:<{w}}" for c, w in zip(row, widths, strict=True)) for row in table)
-    return [f"  {row}".rstrip() for row in rows]

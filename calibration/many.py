@@ -1,15 +1,13 @@
 """`fit_many` and `fit_stream`: thousands of small fits of one model, each to its own readings."""
 
-import math
-import numbers
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
-import jax
 import numpy as np
 
+from calibration.black_box import failures_explained
 from calibration.identify import Identifiability, analyse
 from calibration.many_readings import NOT_FINITE, SOUND, TOO_FEW, Readings, in_groups
 from calibration.many_result import (
@@ -20,18 +18,17 @@ from calibration.many_result import (
     OPEN,
     ManyFits,
 )
-from calibration.parameters import Parameter, ParameterLayout
+from calibration.parameters import Parameter, ParameterLayout, as_parameter
 from calibration.progress import Progress, ProgressOption, reporting
 from calibration.solvers import box_lm, lanes
 from calibration.solvers.lane_pool import Box, solve_all, usable_cores
 from calibration.solvers.lanes import OneFit, State
+from calibration.solvers.outcome import AT_BOUND, held_at_bounds
 from procmodel.errors import InputError
 from procmodel.precision import require_float64
 
 # Squared condition number of J from which on J'J has lost too many digits for a covariance.
 _ILL_CONDITIONED = 1e10
-# A parameter is at a bound when the way there moves the residuals by less than this of their rms.
-_AT_BOUND = 1e-6
 
 Model = Callable[[dict[str, Any], Any], Any]
 
@@ -195,7 +192,7 @@ class _Model:
     def of(
         cls, function: Model, parameters: Mapping[str, Parameter | float], known_noise: bool
     ) -> "_Model":
-        given = {name: _as_parameter(name, value) for name, value in parameters.items()}
+        given = {name: as_parameter(name, value) for name, value in parameters.items()}
         layout = ParameterLayout.of(given)
         if not known_noise:
             for name, prior in layout.priors:
@@ -240,30 +237,7 @@ class _Model:
                 f"starts[{i}]: {free[j]} starts at {values[i, j]:g}, outside its bounds "
                 f"({lower[j]:g}, {upper[j]:g}): move it."
             )
-        return np.stack([self._internal(j, values[:, j]) for j in range(len(free))])
-
-    def _internal(self, index: int, values: np.ndarray) -> np.ndarray:
-        transform, between = self.layout.transforms[index], self.layout.ranges[index]
-        if transform == "log":
-            return np.log(values)
-        if between is not None:
-            share = (values - between[0]) / (between[1] - between[0])
-            return np.log(share) - np.log1p(-share)
-        return values
-
-    def natural(self, vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Natural values of internal (p, n), and their derivative, both (p, n)."""
-        values, slopes = vectors.copy(), np.ones_like(vectors)
-        for i, (kind, between) in enumerate(
-            zip(self.layout.transforms, self.layout.ranges, strict=True)
-        ):
-            if kind == "log":
-                values[i] = slopes[i] = np.exp(vectors[i])
-            elif between is not None:
-                share = 0.5 + 0.5 * np.tanh(0.5 * vectors[i])
-                width = between[1] - between[0]
-                values[i], slopes[i] = between[0] + width * share, width * share * (1.0 - share)
-        return values, slopes
+        return self.layout.internal(values.T)
 
 
 def _fit_group(
@@ -272,13 +246,8 @@ def _fit_group(
     """Everything that `ManyFits` holds, for one group."""
     fit = OneFit(model.function, model.layout, readings.x_tree)
     with np.errstate(all="ignore"):
-        try:
+        with failures_explained([model.function]):
             ends = solve_all(fit, model.box, readings, starts, report)
-        except (jax.errors.TracerArrayConversionError, jax.errors.ConcretizationTypeError):
-            raise InputError(
-                f"model {fit.name} needs its parameters as plain numbers, as NumPy, math and 'if' "
-                "do: write it with jax.numpy (and jnp.where)."
-            ) from None
         found = _Found.of(model, readings, ends)
     starts = np.broadcast_to(starts, ends.vector.shape)
     hard = [int(i) for i in np.flatnonzero(found.hard)]
@@ -308,7 +277,7 @@ class _Found:
         status = ends.status[0].astype(int)
         norms = np.sqrt(ends.gram[[i * (i + 3) // 2 for i in range(count)]])
         rms = np.sqrt(ends.misfit / readings.count)
-        near = np.where(norms > 0, _AT_BOUND * rms / norms, 0.0)
+        near = np.where(norms > 0, AT_BOUND * rms / norms, 0.0)
         lower, upper = model.box.lower[:, None], model.box.upper[:, None]
         held = (ends.vector - lower <= near) & (ends.slope >= 0)
         held |= (upper - ends.vector <= near) & (ends.slope <= 0)
@@ -319,7 +288,7 @@ class _Found:
         ]
         matrix = lanes.reduced(scaled, held, np.zeros(count), np)
         factor = lanes.factorised(matrix, np)
-        value, slopes = model.natural(ends.vector)
+        slopes = model.layout.slopes(ends.vector)
         inverse = np.empty((n, count, count))
         condition = np.zeros(n)
         for i in range(count):
@@ -331,7 +300,7 @@ class _Found:
                 inverse[:, i, j] = np.where(blocked, np.nan, column[j] * per_unit)
         hard = (status == lanes.HARD) | ~(condition < _ILL_CONDITIONED)
         return cls(
-            value=value,
+            value=model.layout.free_values(ends.vector),
             inverse=inverse,
             held=held,
             status=status,
@@ -385,16 +354,17 @@ def _refit(
     vector, residuals = np.asarray(end.vector), np.asarray(end.residuals)
     jacobian = np.asarray(end.jacobian)
     sound = bool(np.all(np.isfinite(jacobian)) and np.all(np.isfinite(residuals)))
-    values, slopes = model.natural(vector[:, None])
+    slopes = model.layout.slopes(vector)
     held = np.zeros(len(vector), bool)
     if sound:
-        held = _held(vector, residuals, jacobian, box, int(readings.count[i]))
+        count = int(readings.count[i])
+        held = held_at_bounds(vector, residuals, jacobian, box.lower, box.upper, count)
     else:
         jacobian = np.zeros_like(jacobian)
-    natural = np.divide(jacobian, slopes[:, 0], out=np.zeros_like(jacobian), where=slopes[:, 0] > 0)
+    natural = np.divide(jacobian, slopes, out=np.zeros_like(jacobian), where=slopes > 0)
     analysis = analyse(np.where(held, 0.0, natural))
     status = int(end.status)
-    found.value[:, i] = np.nan if status == box_lm.BAD_START else values[:, 0]
+    found.value[:, i] = np.nan if status == box_lm.BAD_START else model.layout.free_values(vector)
     found.held[:, i] = held
     found.inverse[i] = _seen_covariance(analysis, held) if sound else np.nan
     found.rank[i] = analysis.rank
@@ -404,26 +374,8 @@ def _refit(
     found.status[i] = OPEN if open_directions and status in box_lm.CONVERGED else status
 
 
-def _held(
-    vector: np.ndarray, residuals: np.ndarray, jacobian: np.ndarray, box: Box, count: int
-) -> np.ndarray:
-    gradient, norms = jacobian.T @ residuals, np.linalg.norm(jacobian, axis=0)
-    near = np.full(len(vector), _AT_BOUND * np.sqrt(np.sum(residuals**2) / count))
-    near = np.divide(near, norms, out=np.zeros_like(near), where=norms > 0)
-    at_lower = (vector - box.lower <= near) & (gradient >= 0)
-    return at_lower | ((box.upper - vector <= near) & (gradient <= 0))
-
-
 def _seen_covariance(analysis: Identifiability, held: np.ndarray) -> np.ndarray:
     covariance = analysis.covariance.copy()
     without = held | np.array([analysis.is_flat(row) for row in np.eye(len(held))])
     covariance[without, :] = covariance[:, without] = np.nan
     return covariance
-
-
-def _as_parameter(name: str, value: Parameter | float) -> Parameter:
-    if isinstance(value, Parameter):
-        return value
-    if isinstance(value, numbers.Real) and math.isfinite(value):
-        return Parameter(float(value), fixed=True)
-    raise InputError(f"parameter {name!r} is {value!r}: give a calibration.Parameter or a number.")

@@ -100,6 +100,15 @@ class Parameter:
             raise InputError("transform 'logit' needs finite bounds and a value between them.")
 
 
+def as_parameter(name: str, value: Parameter | float) -> Parameter:
+    """A parameter as it is, or a fixed one of a plain number; anything else is explained."""
+    if isinstance(value, Parameter):
+        return value
+    if isinstance(value, numbers.Real) and math.isfinite(value):
+        return Parameter(float(value), fixed=True)
+    raise InputError(f"parameter {name!r} is {value!r}: give a calibration.Parameter or a number.")
+
+
 class NamedParameters(dict):
     """Parameters as models and ties see them; a name that is not there is explained."""
 
@@ -227,14 +236,14 @@ class ParameterLayout:
         return dataclasses.replace(self, transforms=("identity",) * count, ranges=(None,) * count)
 
     def internal(self, values: np.ndarray) -> np.ndarray:
-        """Internal coordinates of natural values of the free parameters, shape (p,)."""
+        """Internal coordinates of natural values of the free ones, shape (p,) or (p, n)."""
         pairs = zip(values, self.transforms, self.ranges, strict=True)
         return np.array([_to_internal(v, t, b) for v, t, b in pairs])
 
     def free_values(self, vector: np.ndarray) -> np.ndarray:
-        """Natural values of the free parameters from internal ones, shape (p,)."""
+        """Natural values of the free parameters from internal ones, shape (p,) or (p, n)."""
         pairs = zip(vector, self.transforms, self.ranges, strict=True)
-        return np.array([float(_to_natural(v, t, b, np)) for v, t, b in pairs])
+        return np.array([_to_natural(v, t, b, np) for v, t, b in pairs], float)
 
     def around(self, vector: np.ndarray, name: str, offsets: np.ndarray) -> np.ndarray:
         """Values of one free parameter away from a vector, in the solver's coordinate.
@@ -258,13 +267,13 @@ class ParameterLayout:
         return _to_natural(internal, self.transforms[index], self.ranges[index], np)
 
     def slopes(self, vector: np.ndarray) -> np.ndarray:
-        """Derivative of natural by internal coordinate, shape (p,)."""
-        slopes = np.ones(len(self.free))
+        """Derivative of natural by internal coordinate, shape (p,) or (p, n)."""
+        slopes = np.ones(np.shape(vector))
         for i, (transform, between) in enumerate(zip(self.transforms, self.ranges, strict=True)):
             if transform == "log":
-                slopes[i] = math.exp(vector[i])
+                slopes[i] = _to_natural(vector[i], transform, between, np)
             elif between is not None:
-                share = 0.5 + 0.5 * math.tanh(0.5 * vector[i])
+                share = 0.5 + 0.5 * np.tanh(0.5 * vector[i])
                 slopes[i] = (between[1] - between[0]) * share * (1.0 - share)
         return slopes
 
@@ -319,9 +328,9 @@ def _to_natural(
     return value
 
 
-def _to_internal(value: float, transform: str, between: tuple[float, float] | None) -> float:
+def _to_internal(value: Any, transform: str, between: tuple[float, float] | None) -> Any:
     if transform == "log":
-        return math.log(value)
+        return np.log(value)
     if between is not None:
-        return math.log((value - between[0]) / (between[1] - value))
+        return np.log((value - between[0]) / (between[1] - value))
     return value

@@ -10,6 +10,7 @@ import xarray
 from emcee.autocorr import integrated_time
 from jax import Array
 
+from calibration.black_box import failures_explained
 from calibration.problem import Problem
 from calibration.samplers.driver import Steps
 from calibration.structure import ProblemStructure
@@ -204,9 +205,10 @@ def with_predictions(
         ],
         axis=1,
     )
-    means, densities = _predicted(
-        problem.structure, natural, levels, problem.fixed_values, problem.data()
-    )
+    with failures_explained(problem.structure.functions):
+        means, densities = jax.block_until_ready(
+            _predicted(problem.structure, natural, levels, problem.fixed_values, problem.data())
+        )
     rng = np.random.default_rng(seed)
     values = {
         name: np.asarray(drawn)
@@ -219,14 +221,8 @@ def with_predictions(
         density[name] = np.asarray(densities[i]).reshape(*shape, -1)
         rows = []
         for k in range(len(natural)):
-            own = {inner: float(values[outer][k]) for inner, outer in dataset.own.items()}
-            at = {n: float(v[k]) for n, v in values.items()} | own
-            if dataset.sigma_kind == "given":
-                sigma = dataset.sigma
-            else:
-                level = at[dataset.sigma] if dataset.sigma_kind == "parameter" else levels[k, i]
-                sigma = np.full(len(dataset.y), level)
-            rows.append(dataset.noise.draw(rng, predictions[k], sigma, at))
+            at = {n: float(v[k]) for n, v in values.items()}
+            rows.append(dataset.simulated(rng, predictions[k], at, levels[k, i]))
         drawn[name] = np.stack(rows).reshape(*shape, -1)
     added = arviz_base.from_dict(
         {"posterior_predictive": drawn, "predictions_mean": mean, "log_likelihood": density}

@@ -12,7 +12,7 @@ import jax
 import numpy as np
 
 from calibration.noise import NORMAL, Noise
-from calibration.parameters import Parameter, ParameterLayout
+from calibration.parameters import Parameter, ParameterLayout, as_parameter
 from calibration.structure import Model, ProblemStructure, model_name
 from procmodel.errors import InputError, nearest
 
@@ -91,6 +91,32 @@ class Dataset:
             spread = _deviations_of("x_sigma", self.x_sigma, y.shape)
             object.__setattr__(self, "x_sigma", spread)
 
+    def simulated(
+        self,
+        rng: np.random.Generator,
+        prediction: np.ndarray,
+        values: Mapping[str, float],
+        level: float | None = None,
+    ) -> np.ndarray:
+        """New readings around a prediction, shape (n,).
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+            Source of the noise.
+        prediction : ndarray, shape (n,)
+            What the model says.
+        values : mapping of str to float
+            All parameters of the problem.
+        level : float, optional
+            Noise level, for a data set without sigma.
+        """
+        at = {**values, **{inner: values[outer] for inner, outer in self.own.items()}}
+        sigma: Any = at[self.sigma] if self.sigma_kind == "parameter" else self.sigma
+        sigma = level if sigma is None else sigma
+        spread = np.broadcast_to(sigma, self.y.shape)
+        return self.noise.draw(rng, prediction, spread, at)
+
     @property
     def sigma_kind(self) -> str:
         """Where sigma comes from: "given", "parameter" or "estimated"."""
@@ -135,7 +161,7 @@ class Problem:
     ):
         if not datasets:
             raise InputError("datasets is empty: give at least one.")
-        self.parameters = {n: _as_parameter(n, p) for n, p in parameters.items()}
+        self.parameters = {n: as_parameter(n, p) for n, p in parameters.items()}
         self.datasets = dict(datasets)
         functions = []
         for dataset_name, dataset in self.datasets.items():
@@ -247,6 +273,13 @@ class Problem:
         return all(self.structure.noise_known)
 
     @property
+    def noise_scales_all(self) -> bool:
+        """Whether a noise level scales all that is made small alike, so that it does not matter."""
+        return (
+            len(self.datasets) == 1 and not self.informing_priors and self.structure.least_squares
+        )
+
+    @property
     def slices(self) -> list[slice]:
         """Where each data set's residuals stand in the vector of all."""
         edges = np.cumsum([0, *(len(d.y) for d in self.datasets.values())])
@@ -307,14 +340,6 @@ class Problem:
             for leaf in leaves:
                 digest.update(np.ascontiguousarray(leaf).tobytes())
         return digest.hexdigest()[:12]
-
-
-def _as_parameter(name: str, value: Parameter | float) -> Parameter:
-    if isinstance(value, Parameter):
-        return value
-    if isinstance(value, int | float | np.floating | np.integer) and math.isfinite(value):
-        return Parameter(float(value), fixed=True)
-    raise InputError(f"parameter {name!r} is {value!r}: give a calibration.Parameter or a number.")
 
 
 def _numbers(name: str, given: Any) -> np.ndarray:

@@ -10,15 +10,13 @@ References
 """
 
 import dataclasses
-import functools
 from dataclasses import dataclass, field
 from typing import Any
 
-import jax
 import numpy as np
-from jax import Array
 
 from calibration.solvers import box_lm
+from calibration.solvers.outcome import cost_at
 from calibration.structure import ProblemStructure
 
 # The end is where the root meets the threshold to this share of it.
@@ -100,11 +98,6 @@ class Side:
     lower: Lower | None = None
 
 
-@functools.partial(jax.jit, static_argnames="structure")
-def _cost(structure: ProblemStructure, vector: Array, arguments: Any) -> Array:
-    return structure.cost(vector, arguments)
-
-
 @dataclass(frozen=True)
 class Neighbourhood:
     """The cost of a problem around its optimum.
@@ -146,7 +139,7 @@ class Neighbourhood:
     ) -> "Neighbourhood":
         """The neighbourhood of a fit, which another solver may have left a little short."""
         vector = np.asarray(vector, float)
-        cost = float(_cost(structure, vector, arguments))
+        cost = float(cost_at(structure, vector, arguments))
         given = cls(structure, vector, cost, (lower, upper), arguments, cost)
         end = given.settled(Lower(vector, cost))
         much = 2.0 * (cost - end.cost) > given.noise
@@ -173,7 +166,7 @@ class Neighbourhood:
 
     def cost_at(self, vector: np.ndarray) -> float:
         """Cost of a vector."""
-        return float(_cost(self.structure, vector, self.arguments))
+        return float(cost_at(self.structure, vector, self.arguments))
 
     def held(self, index: int, value: float, distance: float, start: np.ndarray) -> Point:
         """Fit of all parameters but one, which is held at a value."""

@@ -363,6 +363,7 @@ def _tangent(result: FitResult, index: int) -> np.ndarray:
     column = result.covariance[:, index]
     if not (np.isfinite(column[index]) and column[index] > 0 and np.all(slopes > 0)):
         return own
+    # Parameters without a covariance stay where they are: a first guess, mended by each fit.
     along = np.nan_to_num(column / slopes) / (column[index] / slopes[index])
     return np.where(own > 0, 1.0, along)
 

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
+from calibration.text import sections
+
 if TYPE_CHECKING:
     from calibration.problem import Problem
 
@@ -196,13 +198,13 @@ class FitResult:
         lines += [f"  {name:<{width}}  {p.in_words()}" for name, p in self.parameters.items()]
         lines += self._bounds_lines() + self._correlation_lines()
         lines.append(f"condition number {self.condition:.3g}")
-        for title, sentences in (
-            ("the data cannot tell", self.directions),
-            ("trade-offs", self.trades),
-            ("warnings", self.warnings),
-        ):
-            if sentences:
-                lines += ["", title, *(f"  {sentence}." for sentence in sentences)]
+        lines += sections(
+            (
+                ("the data cannot tell", self.directions),
+                ("trade-offs", self.trades),
+                ("warnings", self.warnings),
+            )
+        )
         return "\n".join(lines)
 
     def _bounds_lines(self) -> list[str]:

@@ -100,7 +100,7 @@ def sample(
         raise InputError(f"sampler {sampler!r} is unknown{nearest(sampler, SAMPLERS)}.")
     chosen, why = _choice(problem, sampler)
     dimensions = len(problem.layout.free)
-    walkers = 1 if chosen == "nuts" else walkers or max(16, 4 * dimensions)
+    walkers = 1 if chosen == "nuts" else walkers or _walkers(problem)
     if chosen != "nuts" and (walkers < 2 * dimensions or walkers % 2):
         raise InputError(
             f"walkers is {walkers}, but must be even and at least {2 * dimensions}, twice the "
@@ -125,8 +125,7 @@ def sample(
         _require_proper(problem, start)
         told.running("fit", 1, 1)
         rng = np.random.default_rng(seed)
-        count = _CLOUD if chosen == "nuts" else walkers
-        clouds = np.stack([_laplace_start(problem, start, count, rng) for _ in range(ensembles)])
+        clouds = _clouds(problem, start, chosen, ensembles, walkers, rng)
         seed_of_moves = int(rng.integers(2**31))
         configuration = {
             "model": problem.name,
@@ -174,9 +173,7 @@ def draws_alone(
     chosen, _ = _choice(problem, sampler)
     _require_proper(problem, start)
     rng = np.random.default_rng(seed)
-    walkers = max(16, 4 * len(problem.layout.free))
-    count = _CLOUD if chosen == "nuts" else walkers
-    clouds = np.stack([_laplace_start(problem, start, count, rng) for _ in range(4)])
+    clouds = _clouds(problem, start, chosen, 4, _walkers(problem), rng)
     engine = _engine(problem, chosen, clouds, warmup, int(rng.integers(2**31)))
     with reporting(None) as told:
         found = driver.run(engine, steps, None, told)
@@ -261,6 +258,24 @@ def _require_proper(problem: Problem, start: FitResult) -> None:
                 f"the posterior of {name!r} cannot be normalised, for the data leave it open "
                 "and its bounds are infinite: give it finite bounds or a prior, or fix it."
             )
+
+
+def _walkers(problem: Problem) -> int:
+    """Walkers of an ensemble when nothing is said."""
+    return max(16, 4 * len(problem.layout.free))
+
+
+def _clouds(
+    problem: Problem,
+    start: FitResult,
+    sampler: str,
+    ensembles: int,
+    walkers: int,
+    rng: np.random.Generator,
+) -> np.ndarray:
+    """Points to start each ensemble from, shape (ensembles, points, p); more of them for NUTS."""
+    count = _CLOUD if sampler == "nuts" else walkers
+    return np.stack([_laplace_start(problem, start, count, rng) for _ in range(ensembles)])
 
 
 def _laplace_start(

@@ -17,7 +17,6 @@ import dataclasses
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import jax
 import numpy as np
@@ -25,6 +24,7 @@ import scipy.stats
 from jax import Array
 
 from calibration.fitting import fit
+from calibration.priors import Truncated
 from calibration.problem import Dataset, Problem
 from calibration.progress import ProgressOption, reporting
 from calibration.sampling import draws_alone
@@ -223,8 +223,6 @@ def _truths(problem: Problem, count: int, rng: np.random.Generator) -> np.ndarra
                 raise InputError(f"parameter {name!r} has neither a prior nor finite bounds.")
             columns.append(rng.uniform(low, high, count))
             continue
-        from calibration.priors import Truncated
-
         columns.append(Truncated(prior, low, high).draw(rng, count))
     return np.stack(columns, axis=1)
 
@@ -241,13 +239,10 @@ def _readings(
     """Readings that the problem's own model and noise give."""
     truth = np.array([values[name] for name in problem.layout.free])
     predictions = _predictions(problem.structure, truth, problem.fixed_values, problem.data())
-    readings = {}
-    for (name, dataset), prediction in zip(problem.datasets.items(), predictions, strict=True):
-        at = values | {inner: values[outer] for inner, outer in dataset.own.items()}
-        level: Any = dataset.sigma if dataset.sigma_kind == "given" else at[dataset.sigma]
-        sigma = np.broadcast_to(level, dataset.y.shape)
-        readings[name] = dataset.noise.draw(rng, np.asarray(prediction), sigma, at)
-    return readings
+    return {
+        name: dataset.simulated(rng, np.asarray(prediction), values)
+        for (name, dataset), prediction in zip(problem.datasets.items(), predictions, strict=True)
+    }
 
 
 @functools.partial(jax.jit, static_argnames="structure")

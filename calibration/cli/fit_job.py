@@ -104,7 +104,7 @@ def read_job(path: Path) -> FitJob:
     function = _model(path, job["model"], black_box)
     tables = job["data"] if isinstance(job["data"], list) else [job["data"]]
     parameters = {
-        name: _parameter(path, name, given, function)
+        name: _parameter(path, name, given)
         for name, given in _table(path, "parameters", job["parameters"]).items()
     }
     datasets: dict[str, Dataset] = {}
@@ -205,7 +205,7 @@ def _model(path: Path, given: Any, black_box: bool) -> Callable[..., Any]:
     return function
 
 
-def _parameter(path: Path, name: str, given: Any, function: Callable[..., Any]) -> Any:
+def _parameter(path: Path, name: str, given: Any) -> Any:
     if isinstance(given, int | float) and not isinstance(given, bool):
         return float(given)
     from calibration.parameters import Parameter

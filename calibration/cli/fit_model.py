@@ -99,28 +99,18 @@ def _computed(
     asked: Any, starts: int | None, profiling: dict | None, sampling: dict | None
 ) -> tuple[Any, list[str], Any, Any]:
     """Fit, table of its starts, profile and draws, the last two None where not asked for."""
-    from jax.errors import JaxRuntimeError
-
     curves, tree = None, None
-    try:
-        result, table_of_starts = _fitted(asked, starts)
-        if result.converged and profiling is not None:
-            from calibration.profiling import profile as profile_of
+    result, table_of_starts = _fitted(asked, starts)
+    if result.converged and profiling is not None:
+        from calibration.profiling import profile as profile_of
 
-            curves = profile_of(result, progress=_watched(), **profiling)
-        if result.converged and sampling is not None:
-            from calibration.posterior import with_predictions
-            from calibration.sampling import sample as sample_from
+        curves = profile_of(result, progress=_watched(), **profiling)
+    if result.converged and sampling is not None:
+        from calibration.posterior import with_predictions
+        from calibration.sampling import sample as sample_from
 
-            tree = sample_from(asked.problem, start=result, progress=_watched(), **sampling)
-            tree = with_predictions(asked.problem, tree)
-    except JaxRuntimeError as error:
-        # A black box that failed at values other than the start: its own words come last.
-        last = str(error).strip().splitlines()[-1]
-        raise InputError(
-            f"model {asked.problem.name!r} failed while it was fitted ({last}): correct the "
-            "function, or keep the parameters within bounds where it works."
-        ) from None
+        tree = sample_from(asked.problem, start=result, progress=_watched(), **sampling)
+        tree = with_predictions(asked.problem, tree)
     return result, table_of_starts, curves, tree
 
 

@@ -32,6 +32,7 @@ from calibration.progress import ProgressOption, reporting
 from calibration.result import FitResult
 from calibration.solvers import box_lm
 from calibration.structure import ProblemStructure
+from calibration.text import aligned, sections
 from procmodel.errors import InputError, nearest
 from procmodel.precision import require_float64
 
@@ -116,14 +117,10 @@ class Multistart:
                 [i for i, s in enumerate(self.statuses) if s == kind and self.optimum[i] == 0]
             )
             table.append(["-", *self._cells(members, lowest)])
-        widths = [max(len(row[i]) for row in table) for i in range(len(table[0]))]
-        rows = ("  ".join(f"{c:<{w}}" for c, w in zip(r, widths, strict=True)) for r in table)
-        lines += [row.rstrip() for row in rows]
+        lines += aligned(table)
         if self.optima > _ROWS:
             lines.append(f"and {self.optima - _ROWS} optima more")
-        if self.warnings:
-            lines += ["", "warnings", *(f"  {warning}." for warning in self.warnings)]
-        return "\n".join(lines)
+        return "\n".join([*lines, *sections([("warnings", self.warnings)])])
 
     def _cells(self, members: np.ndarray, lowest: float) -> list[str]:
         """Count, cost, values and status of the best of some ends."""
@@ -208,18 +205,10 @@ def multistart(
     settings = _settings(options)
     vectors = np.vstack([problem.start, draw_starts(problem, starts - 1, seed, spread, ranges)])
     lower, upper = problem.layout.internal_bounds()
-    # As in `fit`: with one data set and no prior the noise level scales everything alike.
-    plain = problem.structure.least_squares
-    alone = len(problem.datasets) == 1 and not problem.informing_priors and plain
-    levels = (1.0,) if alone else first_noise_levels(problem)
-    arguments = (problem.fixed_values, problem.data(levels))
+    arguments = (problem.fixed_values, problem.data(first_noise_levels(problem)))
     with reporting(progress) as told, failures_explained(problem.structure.functions):
         told.compiling("starts")
-        try:
-            solved = _solve_all(problem.structure, vectors, lower, upper, arguments, settings)
-        except (jax.errors.TracerArrayConversionError, jax.errors.ConcretizationTypeError):
-            fit(problem, **options)  # says what the model has to be written with
-            raise
+        solved = _solve_all(problem.structure, vectors, lower, upper, arguments, settings)
         ends, costs, codes, steps = (np.asarray(part) for part in solved)
         told.running("starts", starts, starts)
     costs = np.where((codes == box_lm.BAD_START) | ~np.isfinite(costs), np.inf, costs)

@@ -82,3 +82,45 @@ def finished(
         converged=converged,
         steps=steps,
     )
+
+
+# A parameter is at a bound when the way there moves the residuals by less than this of their rms.
+AT_BOUND = 1e-6
+
+
+def held_at_bounds(
+    vector: np.ndarray,
+    residuals: np.ndarray,
+    jacobian: np.ndarray,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    count: int | None = None,
+) -> np.ndarray:
+    """Which parameters a bound holds back: the misfit would fall outside, shape (p,).
+
+    Parameters
+    ----------
+    vector : ndarray, shape (p,)
+        Where a solver stopped.
+    residuals : ndarray, shape (n,)
+        Residuals there.
+    jacobian : ndarray, shape (n, p)
+        Their derivative.
+    lower, upper : ndarray, shape (p,)
+        The bounds.
+    count : int, optional
+        Number of residuals that count, where others are padding.
+
+    Returns
+    -------
+    ndarray of bool, shape (p,)
+        True for the held ones.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):  # readings near the greatest number
+        gradient = jacobian.T @ residuals
+        rms = np.sqrt(np.sum(residuals**2) / (len(residuals) if count is None else count))
+        effect = np.linalg.norm(jacobian, axis=0)
+    # Solvers of other libraries stop just inside: near is what hardly moves the residuals.
+    near = np.divide(AT_BOUND * rms, effect, out=np.zeros_like(effect), where=effect > 0)
+    at_lower = (vector - lower <= near) & (gradient >= 0)
+    return at_lower | ((upper - vector <= near) & (gradient <= 0))

@@ -39,7 +39,7 @@ def problem(models, sigma=0.3, y=Y):
 def parts(models):
     """Fit, profile and draws of a line."""
     result = fit(problem(models))
-    tree = sample(problem(models), seed=1, draws=24_000, ensembles=2, start=result)
+    tree = sample(problem(models), seed=1, draws=36_000, ensembles=2, start=result)
     return result, profile(result), with_predictions(problem(models), tree, draws=100)
 
 
@@ -119,7 +119,7 @@ def test_report_has_three_intervals_and_verdicts(saved):
     intervals = load_result(saved).intervals.rows["b"].intervals
     assert set(intervals) == {"Wald", "profile", "posterior"}
     for method, interval in intervals.items():
-        # A quantile of 24,000 draws of twenty steps each errs by 0.06 deviations.
+        # A quantile of 36,000 draws of twenty steps each errs by 0.06 deviations.
         within = 0.25 * std if method == "posterior" else 1e-3 * std
         assert interval.low == pytest.approx(best - 1.959964 * std, abs=within), method
         assert interval.high == pytest.approx(best + 1.959964 * std, abs=within), method
