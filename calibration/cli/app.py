@@ -11,6 +11,7 @@ from typer.main import get_command
 from calibration.cli import (
     console,
     fit_model,
+    force_fit,
     wear_fit,
     wear_plan,
     wear_predict,
@@ -38,6 +39,12 @@ wear_app.command("fit")(wear_fit.fit_command)
 wear_app.command("plan")(wear_plan.plan_command)
 wear_app.command("predict")(wear_predict.predict_command)
 wear_app.command("volume-ratio")(wear_volume_ratio.volume_ratio_command)
+force_app = typer.Typer(
+    help="Milling: the force coefficients of a tool in a material from measured forces.",
+    no_args_is_help=True,
+)
+app.add_typer(force_app, name="force")
+force_app.command("fit")(force_fit.fit_command)
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -22,13 +22,15 @@ from jax.typing import ArrayLike
 
 from procmodel.numerics import safe_sqrt
 
-ENGAGED, AIR, SLOT, CORNER_TOO_SMALL = range(4)
+ENGAGED, AIR, SLOT, CORNER_TOO_SMALL, MULTIPLE, DETACHED = range(6)
 
 STATUS = {
     ENGAGED: "engaged",
     AIR: "air: the tool does not reach the stock",
     SLOT: "slot: the whole leading half of the tool is engaged",
     CORNER_TOO_SMALL: "corner too small: the tool does not fit into the wall's curvature",
+    MULTIPLE: "multiple: several arcs are engaged, and the angle is of the one at the wall",
+    DETACHED: "detached: the tool cuts, but nothing at the wall",
 }
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from difflib import get_close_matches
 from importlib import resources
 from pathlib import Path
@@ -13,6 +13,29 @@ from string import Formatter
 
 from procmodel.errors import InputError
 from procmodel.io.textfile import read_utf8
+
+_WHOLE_NUMBERS = ("number", "layer_count", "pass_count")
+_WORDS = ("shape", "passes", "name", "moves")
+
+
+@dataclass(frozen=True)
+class TemplateKind:
+    """What the templates of one kind of program look like.
+
+    Attributes
+    ----------
+    generic : str
+        File in this package that holds the generic texts.
+    allowed : mapping of str to tuple of str
+        The entries, and the fields that each may hold.
+    needed : mapping of str to tuple of str
+        Fields without which a program would move elsewhere than planned.
+    """
+
+    generic: str
+    allowed: Mapping[str, tuple[str, ...]]
+    needed: Mapping[str, tuple[str, ...]]
+
 
 _EVERYWHERE = (
     "shape",
@@ -25,26 +48,25 @@ _EVERYWHERE = (
 )
 _OF_LAYER = ("number", "cumulative_feed", "half_width", "z", "start_x", "start_y")
 
-ALLOWED_FIELDS: dict[str, tuple[str, ...]] = {
-    "header": _EVERYWHERE,
-    "layer": (*_EVERYWHERE, *_OF_LAYER, "passes"),
-    "plunge": (*_EVERYWHERE, *_OF_LAYER),
-    "line": (*_EVERYWHERE, "x", "y"),
-    "clockwise_arc": (*_EVERYWHERE, "x", "y", "i", "j"),
-    "counterclockwise_arc": (*_EVERYWHERE, "x", "y", "i", "j"),
-    "footer": _EVERYWHERE,
-}
-
-# Without these the program would move elsewhere than planned.
-_NEEDED_FIELDS: dict[str, tuple[str, ...]] = {
-    "layer": ("z", "start_x", "start_y", "passes"),
-    "line": ("x", "y"),
-    "clockwise_arc": ("i", "j"),
-    "counterclockwise_arc": ("i", "j"),
-}
-
-_WHOLE_NUMBERS = ("number", "layer_count")
-_WORDS = ("shape", "passes")
+SCANNING = TemplateKind(
+    generic="generic_iso.toml",
+    allowed={
+        "header": _EVERYWHERE,
+        "layer": (*_EVERYWHERE, *_OF_LAYER, "passes"),
+        "plunge": (*_EVERYWHERE, *_OF_LAYER),
+        "line": (*_EVERYWHERE, "x", "y"),
+        "clockwise_arc": (*_EVERYWHERE, "x", "y", "i", "j"),
+        "counterclockwise_arc": (*_EVERYWHERE, "x", "y", "i", "j"),
+        "footer": _EVERYWHERE,
+    },
+    # The arcs are full circles, which end where they begin.
+    needed={
+        "layer": ("z", "start_x", "start_y", "passes"),
+        "line": ("x", "y"),
+        "clockwise_arc": ("i", "j"),
+        "counterclockwise_arc": ("i", "j"),
+    },
+)
 
 
 class Millimetres(float):
@@ -68,7 +90,7 @@ class FeedRate(float):
 class GcodeTemplate:
     """Texts of a program, with fields in braces as in `str.format`.
 
-    `ALLOWED_FIELDS` lists the fields of each; lengths are filled in as mm, feed rates as mm/min.
+    `SCANNING` lists the fields of each; lengths are filled in as mm, feed rates as mm/min.
 
     Attributes
     ----------
@@ -113,34 +135,38 @@ def read_template(path: str | os.PathLike[str] | None = None) -> GcodeTemplate:
         If the file is not TOML, an entry is unknown or not text, or a text holds an unknown
         field, lacks a needed one, or formats one in a way that it cannot be written.
     """
-    with resources.as_file(resources.files("procmodel.io") / "generic_iso.toml") as generic:
-        texts = _read_texts(generic)
+    return GcodeTemplate(**read_texts(SCANNING, path))
+
+
+def read_texts(kind: TemplateKind, path: str | os.PathLike[str] | None = None) -> dict[str, str]:
+    """Texts of a template of any kind, by entry; see `read_template`."""
+    with resources.as_file(resources.files("procmodel.io") / kind.generic) as generic:
+        texts = _read_entries(kind, generic)
     if path is not None:
-        texts |= _read_texts(Path(path))
-    return GcodeTemplate(**texts)
+        texts |= _read_entries(kind, Path(path))
+    return texts
 
 
-def _read_texts(path: Path) -> dict[str, str]:
+def _read_entries(kind: TemplateKind, path: Path) -> dict[str, str]:
     try:
         entries = tomllib.loads(read_utf8(path))
     except tomllib.TOMLDecodeError as error:
         raise InputError(
-            f"{path}: this is not TOML ({error}): correct it, or begin from generic_iso.toml"
+            f"{path}: this is not TOML ({error}): correct it, or begin from {kind.generic}"
         ) from error
-    return {name: _checked_text(path, name, text) for name, text in entries.items()}
+    return {name: _checked_text(kind, path, name, text) for name, text in entries.items()}
 
 
-def _checked_text(path: Path, name: str, text: object) -> str:
-    known = [field.name for field in fields(GcodeTemplate)]
-    if name not in known:
-        raise InputError(f"{path}: unknown entry '{name}': {_choose(name, known)}")
+def _checked_text(kind: TemplateKind, path: Path, name: str, text: object) -> str:
+    if name not in kind.allowed:
+        raise InputError(f"{path}: unknown entry '{name}': {_choose(name, tuple(kind.allowed))}")
     if not isinstance(text, str):
         raise InputError(f"{path}: entry '{name}' is not text: put it in quotes")
-    _check_fields(path, name, text)
+    _check_fields(kind, path, name, text)
     return text.strip("\n")
 
 
-def _check_fields(path: Path, name: str, text: str) -> None:
+def _check_fields(kind: TemplateKind, path: Path, name: str, text: str) -> None:
     """Refuse fields that cannot be filled in, now rather than in the middle of a program."""
     try:
         parts = list(Formatter().parse(text))
@@ -150,7 +176,7 @@ def _check_fields(path: Path, name: str, text: str) -> None:
             "double a brace that shall stand in the program"
         ) from error
     used = [(field, form or "") for _, field, form, _ in parts if field is not None]
-    allowed = ALLOWED_FIELDS[name]
+    allowed = kind.allowed[name]
     for field, form in used:
         if field not in allowed:
             raise InputError(
@@ -162,7 +188,7 @@ def _check_fields(path: Path, name: str, text: str) -> None:
                 "write the number of decimals itself, as in {z:.3f}"
             )
     present = {field for field, _ in used}
-    for needed in _NEEDED_FIELDS.get(name, ()):
+    for needed in kind.needed.get(name, ()):
         if needed not in present:
             raise InputError(
                 f"{path}: entry '{name}' lacks '{{{needed}}}': add it where it belongs"
@@ -183,7 +209,7 @@ def _sample_values(names: tuple[str, ...]) -> Mapping[str, object]:
     }
 
 
-def _choose(given: str, allowed: list[str] | tuple[str, ...]) -> str:
+def _choose(given: str, allowed: tuple[str, ...]) -> str:
     """Advice that lists what may be written, the likeliest meant first."""
     nearest = get_close_matches(given, allowed, n=1)
     meant = f"did you mean '{nearest[0]}'? " if nearest else ""

@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 import scipy.integrate
 
-from procmodel.engagement import ForceCoefficients, instantaneous_force, mean_force
+from procmodel.engagement import (
+    ForceCoefficients,
+    instantaneous_force,
+    mean_force,
+    peak_force,
+    published_coefficients,
+)
+from procmodel.errors import InputError
 
 COEFFICIENTS = ForceCoefficients(796.0, 168.8, 222.0, 27.7, 30.8, 1.4)
 CUT = {"flutes": 4, "axial_depth": 5.0, "feed_per_tooth": 0.04}
@@ -95,6 +102,40 @@ def test_no_engagement_no_force():
     assert nothing.tolist() == [0.0, 0.0, 0.0]
     outside = instantaneous_force(COEFFICIENTS, 1.0, 3.0, math.pi, 1, 1.0, 0.04, **HELIX)
     np.testing.assert_allclose(outside, 0.0, atol=1e-12)
+
+
+def test_readings_of_different_conditions_at_once():
+    rotation, start = np.array([0.3, 1.9, 3.0]), np.array([2.0, 2.5, 2.9])
+    depth, feed = np.array([2.0, 5.0, 9.0]), np.array([0.02, 0.04, 0.08])
+    together = instantaneous_force(
+        COEFFICIENTS, rotation, start, np.full(3, math.pi), 4, depth, feed, **HELIX
+    )
+    for i in range(3):
+        alone = instantaneous_force(
+            COEFFICIENTS, rotation[i], start[i], math.pi, 4, depth[i], feed[i], **HELIX
+        )
+        np.testing.assert_allclose(together[i], alone, rtol=1e-12)
+
+
+@pytest.mark.parametrize("axial_depth", [1.0, 5.0, 20.0])
+@pytest.mark.parametrize("flutes", [1, 4])
+def test_peak_force_against_a_fine_turn(axial_depth, flutes):
+    start = np.array([math.pi - ALPHA, 0.5 * math.pi, 0.0])
+    rest = {"flutes": flutes, "axial_depth": axial_depth, "feed_per_tooth": 0.04, **HELIX}
+    rotation = np.linspace(0.0, 2.0 * math.pi, 20_001)
+    for i, found in enumerate(peak_force(COEFFICIENTS, start, math.pi, **rest)):
+        turn = instantaneous_force(COEFFICIENTS, rotation, start[i], math.pi, **rest)
+        # A smooth peak between two of the 64 angles is missed by a share of 1e-3 at most.
+        expected = np.max(np.hypot(turn[:, 0], turn[:, 1]))
+        assert float(found) == pytest.approx(expected, rel=1e-3)
+
+
+def test_published_coefficients_name_their_source():
+    found = published_coefficients("Al7075-T6")
+    assert found.coefficients.tangential_shear == 767.01
+    assert "10.1186/s10033-021-00536-9" in found.source
+    with pytest.raises(InputError, match=r"'Al7075'; did you mean 'Al7075-T6'\?\.$"):
+        published_coefficients("Al7075")
 
 
 def test_gradients_against_differences():
