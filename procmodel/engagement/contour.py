@@ -333,3 +333,40 @@ def _nesting(polygons: list[Polygon]) -> list[int]:
         )
         for i, point in enumerate(inner)
     ]
+
+
+def part(path: Contour, begin: float, end: float) -> Contour:
+    """Open part of a contour between two places.
+
+    Parameters
+    ----------
+    path : Contour
+        The contour.
+    begin, end : float [mm]
+        Arc lengths from the first vertex, begin < end; on a closed contour they may lie beyond its
+        ends, on an open one they are kept within.
+
+    Returns
+    -------
+    Contour
+        The part, open.
+    """
+    pieces = path.segments.on_host()
+    length = lengths(pieces, np)
+    total = float(np.sum(length))
+    if path.closed:
+        end = min(end, begin + total)
+        first = int(np.floor(begin / total))
+        laps = int(np.ceil(end / total)) - first
+        begins = first * total + np.cumsum(np.tile(length, laps)) - np.tile(length, laps)
+        pieces, length = pieces[np.tile(np.arange(len(length)), laps)], np.tile(length, laps)
+    else:
+        begin, end = max(begin, 0.0), min(end, total)
+        begins = np.cumsum(length) - length
+    low, high = np.maximum(begins, begin) - begins, np.minimum(begins + length, end) - begins
+    kept = high - low > _NEGLIGIBLE * total
+    chosen, low, high = pieces[kept], low[kept], high[kept]
+    start, direction = advance(chosen.start, chosen.direction, chosen.curvature, low, np)
+    stop, _ = advance(chosen.start, chosen.direction, chosen.curvature, high, np)
+    cut = Segments(start, stop, direction, chosen.curvature)
+    return from_segments(cut, closed=False, name=path.name)

@@ -224,8 +224,7 @@ def _refuse(pairs: list[tuple[str, float]]) -> None:
         for word in (letter, f"{letter}{number}", f"{letter}{int(value)}"):
             if word in _REFUSED:
                 meaning, remedy = _REFUSED[word]
-                shown = word if word == letter else f"{letter}{number}"
-                raise InputError(f"{shown} ({meaning}) is not supported: {remedy}")
+                raise InputError(f"{letter}{number} ({meaning}) is not supported: {remedy}")
         if letter == "G" and value not in _KNOWN_CODES:
             raise InputError(
                 f"G{number} is not supported: write the contour with G0, G1, G2 and G3"
