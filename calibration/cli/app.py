@@ -12,6 +12,8 @@ from calibration.cli import (
     console,
     fit_model,
     force_fit,
+    path_check,
+    path_correct,
     wear_fit,
     wear_plan,
     wear_predict,
@@ -26,6 +28,8 @@ app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
+    # As markup, the units in brackets would vanish from the help.
+    rich_markup_mode=None,
 )
 app.command("fit")(fit_model.fit_command)
 app.command("report")(fit_model.report_command)
@@ -45,6 +49,13 @@ force_app = typer.Typer(
 )
 app.add_typer(force_app, name="force")
 force_app.command("fit")(force_fit.fit_command)
+path_app = typer.Typer(
+    help="Milling: engagement along tool paths, and paths that hold it constant.",
+    no_args_is_help=True,
+)
+app.add_typer(path_app, name="path")
+path_app.command("check")(path_check.check_command)
+path_app.command("correct")(path_correct.correct_command)
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -102,8 +102,8 @@ class PathPlan:
         Which algorithm.
     target : float [rad]
         Engagement angle that is held.
-    radius : float [mm]
-        Tool radius.
+    radius, previous_radius : float [mm]
+        Radius of the tool, and of that of the passes before the last.
     before : Survey
         The last pass, on the surface that a parallel pass leaves.
     after : Survey
@@ -124,6 +124,7 @@ class PathPlan:
     method: str
     target: float
     radius: float
+    previous_radius: float
     before: Survey
     after: Survey
     surveys: list[Survey]
@@ -351,7 +352,9 @@ def correct_path(
             "and the tool turns on the spot"
         )
     floor = max(unavoidable_angle(c, angle, radius, r2) for c in last)
-    return PathPlan(method, angle, radius, before, held[-1], held, cut, floor, miss, tuple(notes))
+    return PathPlan(
+        method, angle, radius, r2, before, held[-1], held, cut, floor, miss, tuple(notes)
+    )
 
 
 def _backwards(

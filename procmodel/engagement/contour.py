@@ -4,7 +4,8 @@ A contour is a chain of vertices; the piece from one to the next is a line or an
 bulge, the tangent of a quarter of the angle it turns by, positive to the left (as in DXF).
 
 Everywhere in this package the free side, where the tool is, lies to the left of a contour and the
-material to its right: a pocket runs counter-clockwise, a boss or an island clockwise. Lengths in mm.
+material to its right: a pocket runs counter-clockwise, a boss or an island clockwise. Lengths in
+mm.
 """
 
 from collections.abc import Sequence

@@ -1,7 +1,8 @@
 """The overshoot that no previous pass can avoid where a path bends into a corner.
 
 Where the path's curvature grows, the surface of constant engagement has a kink towards the stock.
-A disc does not reach into it, so stock stays that the next pass meets. Lengths in mm, angles in rad.
+A disc does not reach into it, so stock stays that the next pass meets. Lengths in mm, angles in
+rad.
 """
 
 import numpy as np

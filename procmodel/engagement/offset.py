@@ -13,6 +13,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 from shapely import STRtree, box
+from shapely import points as points_of
 
 from procmodel.engagement.contour import Contour, from_segments
 from procmodel.engagement.segments import (
@@ -28,9 +29,12 @@ from procmodel.engagement.segments import (
     lengths,
     place_along,
 )
+from procmodel.errors import InputError
 
 # Of the extent of everything: points nearer to each other than this are one.
 _SAME = 1e-9
+# Of the extent: what may hang loose of a closed parallel curve.
+_SLIVER = 1e-3
 _MOVED, _AROUND = 0, 1
 
 
@@ -87,6 +91,11 @@ def offset(contours: Sequence[Contour], distance: float) -> list[Contour]:
     -------
     list of Contour
         What is exactly that far from the nearest point of the contours; empty where nothing is.
+
+    Raises
+    ------
+    InputError
+        If the curve cannot be closed, as may happen beside features of a billionth of the whole.
     """
     return parallel(contours, distance).contours
 
@@ -105,8 +114,13 @@ def parallel(contours: Sequence[Contour], distance: float) -> Parallel:
     pieces = _parts(raw, owner, begin, end)
     kept = _far_enough(pieces, _runs(run[owner], begin, same), base, distance, same)
     kept &= ~_covered_twice(pieces, kept, same)
+    # What is shorter than the distance within which ends are joined is no piece of its own.
+    kept &= np.hypot(*(pieces.end - pieces.start).T) > 10.0 * same
     pieces, owner, begin, end = pieces[kept], owner[kept], begin[kept], end[kept]
-    chains = _chains(pieces, 10.0 * same)
+    following = _neighbours(pieces, 40.0 * same)
+    if not caps:
+        following = _without_loose_ends(following, pieces, size)
+    chains = _chains(len(pieces), *following, keep_open=bool(caps))
     order = np.array([i for chain, _ in chains for i in chain], int)
     closings = [
         np.append(np.arange(1, len(chain)), 0 if closed else -len(chain))
@@ -289,10 +303,10 @@ def _between(
     order = np.lexsort((place, owner))
     owner, place = owner[order], place[order]
     # A meeting point is known to the root of rounding where two curves touch.
-    near_end = np.minimum(place, length[owner] - place) <= 20.0 * same
+    near_end = np.minimum(place, length[owner] - place) <= 5.0 * same
     place = np.where(near_end, np.where(place < 0.5 * length[owner], 0.0, length[owner]), place)
     new = np.ones(len(place), bool)
-    new[1:] = (owner[1:] != owner[:-1]) | (place[1:] - place[:-1] > 20.0 * same)
+    new[1:] = (owner[1:] != owner[:-1]) | (place[1:] - place[:-1] > 5.0 * same)
     owner, place = owner[new], place[new]
     inner = np.flatnonzero(owner[1:] == owner[:-1])
     return owner[inner], place[inner], place[inner + 1]
@@ -338,7 +352,7 @@ def meeting_points(a: Segments, b: Segments) -> list[np.ndarray]:
         big = -0.5 * (qb + np.where(qb >= 0.0, root, -root))
         t1, t2 = qc / big, big / qa
         t2 = np.where(both_lines, np.nan, t2)
-    return [base + foot + t[:, None] * along for t in (t1, t2)]
+        return [base + foot + t[:, None] * along for t in (t1, t2)]
 
 
 def place_on(segments: Segments, point: np.ndarray, length: np.ndarray, same: float) -> np.ndarray:
@@ -422,55 +436,74 @@ def _covered_twice(pieces: Segments, kept: np.ndarray, same: float) -> np.ndarra
     return dropped
 
 
-def _chains(pieces: Segments, same: float) -> list[tuple[list[int], bool]]:
-    """Parts put end to end: their numbers in order, and whether the chain closes."""
+def _neighbours(pieces: Segments, near: float) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of parts of which the second begins where the first ends, the best ones first."""
+    if not len(pieces):
+        return np.zeros(0, int), np.zeros(0, int)
+    pad = np.column_stack([pieces.start - near, pieces.start + near])
+    from_end, to = STRtree(box(*pad.T)).query(points_of(pieces.end))
+    other = from_end != to
+    from_end, to = from_end[other], to[other]
+    gap = np.hypot(*(pieces.end[from_end] - pieces.start[to]).T)
+    arriving = end_directions(pieces, np)[from_end]
+    turn = np.arctan2(cross(arriving, pieces.direction[to]), dot(arriving, pieces.direction[to]))
+    # Where several begin at one point, the one most to the left keeps loops apart.
+    order = np.lexsort((-turn, gap > 0.5 * near, from_end))
+    return from_end[order], to[order]
+
+
+def _without_loose_ends(
+    following: tuple[np.ndarray, np.ndarray], pieces: Segments, size: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Leave out parts that lead nowhere or come from nowhere: slivers that rounding kept."""
+    from_end, to = following
     count = len(pieces)
-    if not count:
-        return []
-    points = np.concatenate([pieces.start, pieces.end])
-    pad = box(*np.column_stack([points - 2.0 * same, points + 2.0 * same]).T)
-    a, b = STRtree(pad).query(pad)
-    node = np.arange(2 * count)
+    alive = np.ones(count, bool)
     while True:
-        smaller = node.copy()
-        np.minimum.at(smaller, a, node[b])
-        if np.array_equal(smaller, node):
+        links = alive[from_end] & alive[to]
+        goes_on, is_reached = np.zeros(count, bool), np.zeros(count, bool)
+        goes_on[from_end[links]], is_reached[to[links]] = True, True
+        still = alive & goes_on & is_reached
+        if np.array_equal(still, alive):
             break
-        node = smaller
-    leaving: dict[int, list[int]] = {}
-    for i in range(count):
-        leaving.setdefault(int(node[i]), []).append(i)
-    arriving = {int(n) for n in node[count:]}
-    heading = end_directions(pieces, np)
-    unused = set(range(count))
+        alive = still
+    loose = np.where(alive, 0.0, lengths(pieces, np))
+    if count and loose.max() > _SLIVER * size:
+        worst = int(np.argmax(loose))
+        x, y = pieces.start[worst]
+        raise InputError(
+            f"the parallel curve does not close near ({x:.6g}, {y:.6g}), where {loose[worst]:.3g} "
+            "mm of it hang loose: simplify the contour there, or change the distance a little."
+        )
+    return from_end[links], to[links]
+
+
+def _chains(
+    count: int, from_end: np.ndarray, to: np.ndarray, keep_open: bool
+) -> list[tuple[list[int], bool]]:
+    """Parts put end to end: their numbers in order, and whether the chain closes."""
+    first = np.searchsorted(from_end, np.arange(count + 1))
+    reached = np.zeros(count, bool)
+    reached[to] = True
+    unused = np.ones(count, bool)
+    chains: list[tuple[list[int], bool]] = []
     # Open chains first, from where nothing arrives.
-    begins = [i for i in range(count) if int(node[i]) not in arriving]
-    chains = []
-    for seed in [*begins, *range(count)]:
-        if seed not in unused:
+    for seed in [*np.flatnonzero(~reached), *range(count)]:
+        if not unused[seed]:
             continue
-        chain, here = [], seed
+        chain, here, closed = [], int(seed), False
         while True:
             chain.append(here)
-            unused.discard(here)
-            going = [i for i in leaving.get(int(node[count + here]), []) if i in unused]
-            if not going:
+            unused[here] = False
+            going = to[first[here] : first[here + 1]]
+            # Back where it began; whatever else begins there is another loop.
+            closed = bool(np.any(going == seed))
+            going = going[unused[going]]
+            if closed or not len(going):
                 break
-            turn = [
-                np.arctan2(cross(heading[here], pieces.direction[i]),
-                           dot(heading[here], pieces.direction[i]))
-                for i in going
-            ]  # fmt: skip
-            here = going[int(np.argmax(turn))]
-            if int(node[count + chain[-1]]) == int(node[seed]):
-                # Back where it began; whatever else leaves here is another loop.
-                break
-        closed = int(node[count + chain[-1]]) == int(node[seed])
-        span = float(np.sum(lengths(pieces[np.array(chain)], np)))
-        if closed and len(chain) > 1:
-            chains.append((chain, True))
-        elif not closed and span > 100.0 * same:
-            chains.append((chain, False))
+            here = int(going[0])
+        if (closed and len(chain) > 1) or (not closed and keep_open):
+            chains.append((chain, closed))
     return chains
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from procmodel.errors import InputError, nearest
+from procmodel.errors import InputError
 from procmodel.io.atomic import check_target
 from procmodel.io.dxf import read_dxf
 from procmodel.io.gcode_reader import read_gcode
@@ -77,8 +77,8 @@ def read_contours(
     known = (*DXF_SUFFIXES, *GCODE_SUFFIXES, *TABLE_SUFFIXES)
     if suffix not in known:
         raise InputError(
-            f"{path}: '{path.suffix}' is no suffix of a drawing, program or table"
-            f"{nearest(suffix, known)}"
+            f"{path}: '{path.suffix}' is no suffix of a drawing, program or table: "
+            f"give a file that ends in one of {', '.join(known)}"
         )
     if suffix in DXF_SUFFIXES:
         return read_dxf(path, layer, units, tolerance)

@@ -105,8 +105,12 @@ def read_dxf(
     path = Path(path)
     if not 0 < tolerance < math.inf:
         raise InputError(f"tolerance is {tolerance:g} mm: give a number greater than zero")
+    # For its plain sentences about files that are missing, folders or unreadable.
+    content = _read_bytes(path)
     document = _open(path)
-    factor = _length_of_unit(path, document.header.get("$INSUNITS", 0), units)
+    # The library takes metres where the file has no such entry, as those of R12 often have not.
+    code = document.header.get("$INSUNITS", 0) if b"$INSUNITS" in content else 0
+    factor = _length_of_unit(path, code, units)
     hidden = _hidden_layers(document)
     if layer is not None and layer.lower() in hidden:
         raise InputError(
@@ -203,8 +207,6 @@ def write_dxf(
 
 
 def _open(path: Path) -> Drawing:
-    # For its plain sentences about files that are missing, folders or unreadable.
-    _read_bytes(path)
     import ezdxf
 
     try:
