@@ -30,7 +30,7 @@ def measured(tmp_path):
     return tmp_path
 
 
-SCRIPTS = ("plan", "own model", "many fits", "derivative")
+SCRIPTS = ("plan", "own model", "many fits", "derivative", "tool path")
 
 
 def test_every_script_is_known():

@@ -126,8 +126,8 @@ def _in_passes(
         if move.closed != closed:
             have, need = ("open", "closed") if closed else ("closed", "open")
             raise InputError(
-                f"cut {i + 1} of the program ({move.name}) is {have}, but the wall is {need}: leave "
-                "lead-in and lead-out to rapid moves, or take them out of the file."
+                f"cut {i + 1} of the program ({move.name}) is {have}, but the wall is {need}: "
+                "leave lead-in and lead-out to rapid moves, or take them out of the file."
             )
     if len(program) % loops:
         raise InputError(

@@ -60,7 +60,7 @@ def draw_path(
     lower.axhline(np.degrees(surveys[0][1].target), color=GREY, lw=0.9, ls="--", label="target")
     if floor is not None:
         lower.axhline(np.degrees(floor), color=GREY, lw=0.9, ls=":", label="unavoidable")
-    lower.legend(frameon=False, fontsize=8, loc="upper right", ncols=4)
+    lower.legend(frameon=False, fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4)
     panels = [lower]
     if loads:
         force = figure.add_subplot(grid[2, :], sharex=lower)

@@ -117,10 +117,10 @@ def parallel(contours: Sequence[Contour], distance: float) -> Parallel:
     # What is shorter than the distance within which ends are joined is no piece of its own.
     kept &= np.hypot(*(pieces.end - pieces.start).T) > 10.0 * same
     pieces, owner, begin, end = pieces[kept], owner[kept], begin[kept], end[kept]
-    following = _neighbours(pieces, 40.0 * same)
+    pairs = _neighbours(pieces, 40.0 * same)
     if not caps:
-        following = _without_loose_ends(following, pieces, size)
-    chains = _chains(len(pieces), *following, keep_open=bool(caps))
+        pairs = _without_loose_ends(pairs, pieces, size)
+    chains = _chains(len(pieces), *pairs, keep_open=bool(caps))
     order = np.array([i for chain, _ in chains for i in chain], int)
     closings = [
         np.append(np.arange(1, len(chain)), 0 if closed else -len(chain))

@@ -3,9 +3,9 @@
 Lengths in mm, angles in rad.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +18,7 @@ from shapely import STRtree, box
 from procmodel.engagement.angle import AIR, DETACHED, ENGAGED, MULTIPLE, SLOT
 from procmodel.engagement.contact import Contact, contact
 from procmodel.engagement.contour import Contour
-from procmodel.engagement.offset import offset
+from procmodel.engagement.offset import offset, parallel, traced
 from procmodel.engagement.segments import Segments, boxes, distance_to, joined, lengths
 from procmodel.errors import InputError
 
@@ -148,6 +148,25 @@ class Surface:
                 groups.append((chunk, table[row_of[owner[chunk]]]))
         return groups
 
+    def near(self, centres: np.ndarray, radius: float, margin: float = 0.0) -> np.ndarray:
+        """One table of the segments near a few places, for laws that are to be differentiated.
+
+        Parameters
+        ----------
+        centres, radius, margin
+            As for `windows`.
+
+        Returns
+        -------
+        ndarray of int, shape (n, k)
+            Numbers of segments, filled up with -1.
+        """
+        groups = self.windows(centres, radius, margin)
+        table = np.full((len(centres), max(found.shape[1] for _, found in groups)), -1)
+        for chosen, found in groups:
+            table[chosen, : found.shape[1]] = found
+        return table
+
     def in_stock(self, points: np.ndarray) -> np.ndarray:
         """Whether points lie in the stock; on the boundary itself either may be said.
 
@@ -246,6 +265,40 @@ def previous_surface(
         If the tool finds no room.
     """
     return Surface(cleared_by(offset(walls, radial_depth + previous_radius), previous_radius))
+
+
+def traced_surface(
+    walls: Sequence[Contour], radial_depth: float, previous_radius: float
+) -> tuple[Surface, Callable[[Sequence[Contour], Any, Any], Segments]]:
+    """Surface of a parallel previous pass, and the way to make it again with derivatives.
+
+    Parameters
+    ----------
+    walls, radial_depth, previous_radius
+        As for `previous_surface`.
+
+    Returns
+    -------
+    surface : Surface
+        The surface.
+    again : callable
+        Of walls, radial depth and previous radius near the given ones: the segments of the surface
+        in the same order, differentiable in all of them, also under `jit`.
+
+    Raises
+    ------
+    InputError
+        As `previous_surface`.
+    """
+    shrunk = parallel(walls, radial_depth + previous_radius)
+    grown = parallel(shrunk.contours, -previous_radius)
+
+    def again(walls: Sequence[Contour], radial_depth: Any, previous_radius: Any) -> Segments:
+        base = joined([wall.segments for wall in walls], jnp)
+        path = traced(base, shrunk.origin, radial_depth + previous_radius)
+        return traced(path, grown.origin, -previous_radius)
+
+    return Surface(grown.contours), again
 
 
 def cleared_by(paths: Sequence[Contour], radius: float) -> list[Contour]:

@@ -27,6 +27,7 @@ from procmodel.io.units import conversion_factor
 
 if TYPE_CHECKING:
     from ezdxf.document import Drawing
+    from ezdxf.layouts import Modelspace
 
 # The codes of $INSUNITS in which workpieces are drawn, with the length of each in mm.
 INSUNITS = {
@@ -107,11 +108,10 @@ def read_dxf(
         raise InputError(f"tolerance is {tolerance:g} mm: give a number greater than zero")
     # For its plain sentences about files that are missing, folders or unreadable.
     content = _read_bytes(path)
-    document = _open(path)
+    document, space, hidden = _open(path)
     # The library takes metres where the file has no such entry, as those of R12 often have not.
     code = document.header.get("$INSUNITS", 0) if b"$INSUNITS" in content else 0
     factor = _length_of_unit(path, code, units)
-    hidden = _hidden_layers(document)
     if layer is not None and layer.lower() in hidden:
         raise InputError(
             f"{path}: layer '{layer}' is frozen or off: show it in the drawing program, "
@@ -119,7 +119,7 @@ def read_dxf(
         )
     by_layer: dict[str, list[_Entity]] = {}
     others: Counter[str] = Counter()
-    for entity in _shown(path, document.modelspace(), hidden, None, 0):
+    for entity in _shown(path, space, hidden, None, 0):
         if entity.drawn.dxftype() in KINDS:
             by_layer.setdefault(entity.layer.lower(), []).append(entity)
         elif layer is None or entity.layer.lower() == layer.lower():
@@ -206,11 +206,13 @@ def write_dxf(
         options.write_fixed_meta_data_for_testing = usual
 
 
-def _open(path: Path) -> Drawing:
+def _open(path: Path) -> tuple[Drawing, Modelspace, dict[str, bool]]:
+    """The drawing, its modelspace and its hidden layers."""
     import ezdxf
 
     try:
-        return ezdxf.readfile(path)
+        document = ezdxf.readfile(path)
+        return document, document.modelspace(), _hidden_layers(document)
     except Exception as error:
         # Damage reaches every part of the parser, which raises errors of a dozen unrelated types;
         # each of them means the same here.
