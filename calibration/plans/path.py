@@ -22,7 +22,8 @@ from procmodel.errors import InputError, nearest
 from procmodel.precision import require_float64
 
 METHODS = ("backward", "forward")
-_SHARP = 1e-6
+# A turn [rad] beyond what coordinates rounded to 0.1 um make of a smooth path.
+_SHARP = 0.01
 # Greatest number of places that a path is looked at.
 _MOST_PLACES = 4_000_000
 

@@ -26,7 +26,7 @@ class PathCheck:
     milling : {"down", "up"}
         Down where the wall is to the right of the tool (for a spindle that turns clockwise).
     floor : float [rad]
-        Greatest angle of the last pass that no previous pass can avoid.
+        Greatest angle along the parallel path that no previous pass can avoid.
     """
 
     surveys: list[Survey]
@@ -114,7 +114,7 @@ def check_path(
     for one in passes:
         surveys.append(survey(one, met, radius, angle, step))
         met = Surface(cleared_by(one, radius))
-    floor = max(unavoidable_angle(c, angle, radius, radius) for c in passes[-1])
+    floor = max(unavoidable_angle(c, angle, radius, radius) for c in plain)
     return PathCheck(surveys, seen, milling, floor)
 
 

@@ -22,7 +22,7 @@ from procmodel.errors import InputError
 from procmodel.io.atomic import check_target, writing
 from procmodel.io.dxf_entities import KINDS, Outline3d, outlines
 from procmodel.io.polyline import JOIN_TOLERANCE, BulgePolyline, checked, join_edges
-from procmodel.io.textfile import _read_bytes
+from procmodel.io.textfile import read_bytes
 from procmodel.io.units import conversion_factor
 
 if TYPE_CHECKING:
@@ -107,7 +107,7 @@ def read_dxf(
     if not 0 < tolerance < math.inf:
         raise InputError(f"tolerance is {tolerance:g} mm: give a number greater than zero")
     # For its plain sentences about files that are missing, folders or unreadable.
-    content = _read_bytes(path)
+    content = read_bytes(path)
     document, space, hidden = _open(path)
     # The library takes metres where the file has no such entry, as those of R12 often have not.
     code = document.header.get("$INSUNITS", 0) if b"$INSUNITS" in content else 0
@@ -265,20 +265,26 @@ def _shown(
 ) -> Iterator[_Entity]:
     """Entities that are shown, those in inserted blocks in the coordinates of the modelspace."""
     for drawn in entities:
-        layer, kind = drawn.dxf.get("layer", "0"), drawn.dxftype()
-        label = f"{kind} {drawn.dxf.get('handle')}"
+        kind = drawn.dxftype()
+        layer = _attribute(drawn, "layer", "0")
+        label = f"{kind} {_attribute(drawn, 'handle', '')}"
         if insert is not None:
             # What is drawn on layer 0 of a block shows on the layer of its insertion.
             layer = insert.layer if layer == "0" else layer
             label = f"{kind} in {insert.label}"
         entity = _Entity(drawn, layer, label)
         # An insertion on a layer that is off, unlike frozen, still shows its other layers.
-        if hidden.get(layer.lower(), False) or drawn.dxf.get("invisible", 0):
+        if hidden.get(layer.lower(), False) or _attribute(drawn, "invisible", 0):
             continue
         if kind == "INSERT" and not drawn.is_xref():
             yield from _inserted(path, entity, hidden, insert, depth)
         elif layer.lower() not in hidden:
             yield entity
+
+
+def _attribute(drawn: Any, name: str, default: Any) -> Any:
+    # Kinds that the library does not know have no layer, and asking for it raises.
+    return drawn.dxf.get(name, default) if drawn.dxf.is_supported(name) else default
 
 
 def _inserted(

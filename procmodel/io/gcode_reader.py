@@ -25,7 +25,7 @@ from procmodel.io.polyline import (
     checked,
     half_bulge,
 )
-from procmodel.io.textfile import _read_bytes
+from procmodel.io.textfile import read_bytes
 from procmodel.io.units import conversion_factor
 
 # How much further from the centre the end of an arc may be than its start, for programs in mm and
@@ -113,7 +113,7 @@ def read_gcode(path: str | os.PathLike[str], units: str | None = None) -> GcodeP
 
 
 def _program_lines(path: Path) -> list[tuple[int, str]]:
-    content = _read_bytes(path)
+    content = read_bytes(path)
     if b"\0" in content:
         raise InputError(f"{path}: this is a binary file, not G-code: give the program as text")
     try:

@@ -18,7 +18,7 @@ def read_utf8(path: str | os.PathLike[str]) -> str:
     InputError
         If the file is missing, a folder, unreadable, or not text in UTF-8.
     """
-    content = _read_bytes(Path(path))
+    content = read_bytes(Path(path))
     if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) or b"\0" in content:
         raise InputError(f"{path}: this is UTF-16 or binary, not plain text: save it as CSV UTF-8")
     try:
@@ -31,7 +31,8 @@ def read_utf8(path: str | os.PathLike[str]) -> str:
         ) from error
 
 
-def _read_bytes(path: Path) -> bytes:
+def read_bytes(path: Path) -> bytes:
+    """Content of a file; the same errors as `read_utf8`, but for those of the text."""
     if path.is_dir():
         raise InputError(f"{path}: this is a folder: give the name of a file in it")
     try:

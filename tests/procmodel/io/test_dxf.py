@@ -51,7 +51,7 @@ def refused(call, *arguments, **keywords):
     return message
 
 
-def circular_outline(space, shift=(0, 0)):
+def draw_slot(space, shift=(0, 0)):
     """Slot of length 30 and width 10 about the origin, its edges out of order."""
     x, y = shift
     space.add_arc((15 + x, y), 5, 270, 90)
@@ -64,7 +64,7 @@ SLOT_AREA = 300 + 25 * math.pi
 
 
 def test_a_slot_of_lines_and_arcs_out_of_order(drawing):
-    (slot,) = drawing(circular_outline)
+    (slot,) = drawing(draw_slot)
     assert slot.closed
     assert slot.name == "wall.dxf, layer 0, contour 1"
     assert area(slot) == pytest.approx(SLOT_AREA, rel=1e-13)
@@ -210,6 +210,18 @@ def test_unit_of_the_drawing(drawing, code, millimetres):
     assert circle.points.mean(axis=0)[0] == pytest.approx(3 * millimetres, rel=1e-12)
 
 
+@pytest.mark.parametrize(("code", "millimetres"), [(1, 25.4), (13, 1e-3)])
+def test_the_tolerance_is_in_mm_whatever_the_unit(drawing, code, millimetres):
+    def draw(space):
+        circle = ezdxf.math.ConstructionEllipse.from_arc(radius=20 / millimetres)
+        space.add_spline().apply_construction_tool(ezdxf.math.BSpline.from_ellipse(circle))
+
+    (found,) = drawing(draw, units=code, tolerance=0.01)
+    off = np.abs(np.hypot(*traced(found).T) - 20).max()
+    # Halving the lines quarters the distance, and half the tolerance is asked of the library.
+    assert 0.01 / 10 < off < 0.01
+
+
 def test_units_agree_with_ezdxf():
     for code, (_, millimetres) in INSUNITS.items():
         # It has no factors of microinch and mil.
@@ -239,6 +251,29 @@ def test_units_given_as_argument(tmp_path):
     assert "unit 'N' measures" in refused(read_dxf, path, units="N")
 
 
+OLD_DRAWING = (
+    "0 SECTION 2 HEADER 9 $ACADVER 1 AC1009 {header}0 ENDSEC 0 SECTION 2 ENTITIES "
+    "0 LINE 8 W 10 0 20 0 11 3 21 4 0 ENDSEC 0 EOF "
+)
+
+
+@pytest.mark.parametrize("form", [OLD_DRAWING, OLD_DRAWING[OLD_DRAWING.index("0 SECTION 2 ENT") :]])
+def test_an_old_drawing_states_no_unit(tmp_path, form):
+    path = tmp_path / "old.dxf"
+    path.write_text(form.format(header="").replace(" ", "\n"))
+    (line,) = read_dxf(path, units="mm")
+    assert line.points.tolist() == [[0, 0], [3, 4]]
+    assert line.name == "old.dxf, layer W, contour 1"
+    assert "does not state its unit ($INSUNITS is 0)" in refused(read_dxf, path)
+
+
+@pytest.mark.parametrize(("code", "millimetres"), [(1, 25.4), (4, 1.0), (5, 10.0)])
+def test_an_old_drawing_that_states_its_unit(tmp_path, code, millimetres):
+    path = tmp_path / "old.dxf"
+    path.write_text(OLD_DRAWING.format(header=f"9 $INSUNITS 70 {code} ").replace(" ", "\n"))
+    assert read_dxf(path)[0].length == pytest.approx(5 * millimetres, rel=1e-14)
+
+
 @pytest.mark.parametrize("code", [3, 18, 99])
 def test_unknown_units_are_refused(drawing, code):
     def draw(space):
@@ -251,7 +286,7 @@ def test_unknown_units_are_refused(drawing, code):
 
 
 def two_layers(space):
-    circular_outline(space)
+    draw_slot(space)
     space.add_circle((100, 0), 1, dxfattribs={"layer": "Wall"})
     space.add_circle((200, 0), 2, dxfattribs={"layer": "Island"})
     for layer in ("Wall", "Island", "Empty"):
@@ -298,12 +333,20 @@ def test_other_entities_are_passed_over(drawing):
 
     def draw(space):
         texts(space)
-        circular_outline(space)
+        draw_slot(space)
 
     assert len(drawing(draw)) == 1
     assert "shown (passed over: 1 DIMENSION, 1 HATCH, 2 POINT, 1 TEXT): draw the contour" in (
         refused(drawing, texts)
     )
+
+
+def test_kinds_that_nobody_knows_are_passed_over(tmp_path):
+    path = tmp_path / "odd.dxf"
+    text = OLD_DRAWING.format(header="").replace("0 LINE", "0 MYSTERY 8 W 0 LINE")
+    path.write_text(text.replace(" ", "\n"))
+    (line,) = read_dxf(path, units="mm")
+    assert line.points.tolist() == [[0, 0], [3, 4]]
 
 
 def test_paper_space_is_not_read(drawing):
@@ -319,7 +362,7 @@ def block_of(space, name, draw):
 
 def test_inserted_blocks_are_placed(drawing):
     def draw(space):
-        block_of(space, "SLOT", circular_outline)
+        block_of(space, "SLOT", draw_slot)
         space.add_blockref(
             "SLOT",
             (100, 50),
@@ -522,7 +565,7 @@ def test_damaged_drawings_are_refused_or_read(tmp_path_factory, data):
     source, path = folder / "sound.dxf", folder / "damaged.dxf"
     if not source.exists():
         document = ezdxf.new("R2000", units=4)
-        circular_outline(document.modelspace())
+        draw_slot(document.modelspace())
         document.modelspace().add_spline([(50, 0), (60, 5), (70, 0)])
         document.modelspace().add_lwpolyline([(80, 0), (90, 0, 0, 0, 0.5), (90, 10)], close=True)
         document.saveas(source)
