@@ -17,6 +17,7 @@ PARTS = {
     "coverage": ("benchmarks.coverage", "Coverage of the 95 % intervals"),
     "process": ("benchmarks.process", "The command as a whole process"),
     "plan": ("benchmarks.plan", "Feed schedules"),
+    "path": ("benchmarks.engagement", "Engagement and corrected paths"),
     "many": ("benchmarks.many", "Ten thousand small fits"),
     "sampling": ("benchmarks.sampling", "Effective draws per second"),
     "first": ("benchmarks.first_result", "The first posterior of a process"),

@@ -19,6 +19,11 @@ class Sizes:
     plan_repeats: int
     seeds: int
     simulated: int
+    places: int
+    shapely_places: int
+    path_repeats: int
+    path_places: tuple[int, ...]
+    path_pieces: tuple[int, ...]
 
 
 FULL = Sizes(
@@ -34,6 +39,11 @@ FULL = Sizes(
     plan_repeats=5,
     seeds=12,
     simulated=500,
+    places=10_000,
+    shapely_places=50,
+    path_repeats=7,
+    path_places=(10_000, 100_000, 1_000_000),
+    path_pieces=(100, 1000, 10_000),
 )
 
 # For trying the parts out: the figures mean nothing.
@@ -50,4 +60,9 @@ QUICK = Sizes(
     plan_repeats=2,
     seeds=3,
     simulated=20,
+    places=1000,
+    shapely_places=5,
+    path_repeats=2,
+    path_places=(1000, 10_000),
+    path_pieces=(100, 1000),
 )

@@ -46,7 +46,7 @@ def arguments_of_job(path: Path, root: Any) -> list[str]:
         known = getattr(command, "commands", {})
         if word not in known:
             raise InputError(
-                f"{path.name}: command {' '.join(words)!r} is unknown{nearest(word, list(known))}."
+                f"{path.name}: command {' '.join(words)!r} is unknown{nearest(word, list(known))}"
             )
         command = known[word]
     if not words or getattr(command, "commands", None) or words[0] == "run":
@@ -59,7 +59,7 @@ def arguments_of_job(path: Path, root: Any) -> list[str]:
     for key, value in job.items():
         name = key.replace("_", "-")
         if name not in known:
-            raise InputError(f"{path.name}: unknown key {key!r}{nearest(name, list(known))}.")
+            raise InputError(f"{path.name}: unknown key {key!r}{nearest(name, list(known))}")
         parameter = known[name]
         is_path = _takes_path(hints[parameter.name])
         texts = [_as_text(path, key, item, is_path) for item in _listed(value)]

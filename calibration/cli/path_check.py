@@ -2,11 +2,14 @@
 
 import math
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from calibration.cli import console, options, path_options
+
+if TYPE_CHECKING:
+    from procmodel.engagement import Cut, ForceCoefficients, ToolStiffness
 
 
 def check_command(
@@ -49,6 +52,14 @@ def check_command(
     from procmodel.io import read_contours
 
     radius = 0.5 * tool_diameter
+
+    def loading_in(milling: str) -> "tuple[Cut, ForceCoefficients, ToolStiffness | None] | None":
+        return path_options.cut_of(
+            coefficients, flutes, axial_depth, feed_per_tooth, radius, helix, milling, stiffness,
+            overhang, youngs_modulus,
+        )  # fmt: skip
+
+    loading_in("down")  # so that faulty options are refused before the work
     walls = path_options.walls_of(contour, side, layer, units)
     moves = None
     if program is not None:
@@ -65,12 +76,9 @@ def check_command(
         previous_radius=None if previous_diameter is None else 0.5 * previous_diameter,
         spacing=spacing,
     )
-    loading = path_options.cut_of(
-        coefficients, flutes, axial_depth, feed_per_tooth, radius, helix, found.milling, stiffness,
-        overhang, youngs_modulus,
-    )  # fmt: skip
     result = found.as_dict()
     loads = []
+    loading = loading_in(found.milling)
     if loading is not None:
         cut, materials, tool = loading
         loads = [load_along(found.surveys[-1], cut, materials, tool)]

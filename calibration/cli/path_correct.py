@@ -12,6 +12,7 @@ from procmodel.errors import InputError
 if TYPE_CHECKING:
     from calibration.plans.path import PathPlan
     from procmodel.engagement.contour import Contour
+    from procmodel.io import PathSettings
 
 PROGRAMS = (".nc", ".ngc", ".gcode", ".tap", ".cnc", ".iso")
 
@@ -83,6 +84,10 @@ def correct_command(
         coefficients, flutes, axial_depth, feed_per_tooth, radius, helix, milling, stiffness,
         overhang, youngs_modulus,
     )  # fmt: skip
+    if feed is None and feed_per_tooth and flutes and spindle_speed:
+        feed = feed_per_tooth * flutes * spindle_speed
+    # Before the work, so that a wrong feed is refused at once.
+    settings = _settings(feed, spindle_speed, z if z is not None else -(axial_depth or 0.0))
     walls = path_options.walls_of(contour, side, layer, units)
     plan = correct_path(
         walls,
@@ -109,15 +114,13 @@ def correct_command(
             "tolerance_mm": tolerance,
             "moves": sum(len(c.bulges) for one in written for c in one),
         }
-        if feed is None and feed_per_tooth and flutes and spindle_speed:
-            feed = feed_per_tooth * flutes * spindle_speed
         if out is not None and out.suffix.lower() in PROGRAMS and None in (feed, spindle_speed):
             notes.append(
                 "feed rate and spindle speed of the program are placeholders (100 mm/min, "
                 "1000 1/min): give --feed and --spindle-speed"
             )
-        depth = z if z is not None else -(axial_depth or 0.0)
-        _write(out, written, feed or 100.0, spindle_speed or 1000.0, depth)
+        if out is not None:
+            _write(out, written, settings)
         if dxf is not None:
             _draw(dxf, walls, written)
     if plot is not None:
@@ -139,24 +142,23 @@ def _check(out: Path | None, dxf: Path | None, tolerance: float) -> None:
         raise InputError(f"--tolerance is {tolerance:g}, but must be above 0.")
 
 
-def _write(
-    out: Path | None,
-    passes: "list[list[Contour]]",
-    feed: float,
-    spindle_speed: float,
-    z: float,
-) -> None:
-    from procmodel.io import PathSettings, write_contours_csv, write_dxf, write_path_program
+def _settings(feed: float | None, spindle_speed: float | None, z: float) -> "PathSettings":
+    from procmodel.io import PathSettings
 
-    if out is None:
-        return
+    feed = 100.0 if feed is None else feed
+    spindle_speed = 1000.0 if spindle_speed is None else spindle_speed
+    return PathSettings(z, feed, feed, spindle_speed, max(5.0, z + 5.0))
+
+
+def _write(out: Path, passes: "list[list[Contour]]", settings: "PathSettings") -> None:
+    from procmodel.io import write_contours_csv, write_dxf, write_path_program
+
     lines = [_polyline(c, f"PASS {i + 1}") for i, one in enumerate(passes) for c in one]
     if out.suffix.lower() == ".csv":
         write_contours_csv(out, lines)
     elif out.suffix.lower() == ".dxf":
         write_dxf(out, lines, [line.name for line in lines])
     else:
-        settings = PathSettings(z, feed, feed, spindle_speed, max(5.0, z + 5.0))
         write_path_program(out, lines, settings)
 
 

@@ -16,7 +16,7 @@ from procmodel.engagement.contour import Contour, Stations, corner_turns, statio
 from procmodel.engagement.floor import unavoidable_angle
 from procmodel.engagement.forward import passes as forward_passes
 from procmodel.engagement.offset import offset
-from procmodel.engagement.segments import distance_to, joined
+from procmodel.engagement.segments import distance_to, end_directions, joined
 from procmodel.engagement.surface import Engagement, Surface, cleared_by, previous_surface
 from procmodel.errors import InputError, nearest
 from procmodel.precision import require_float64
@@ -161,7 +161,7 @@ def survey(
     path : sequence of Contour
         Of the tool centre, wall to the right.
     surface : Surface
-        What the pass meets.
+        What the pass meets; beyond the ends of open contours it goes on straight.
     radius : float [mm]
         Tool radius.
     target : float [rad]
@@ -187,7 +187,10 @@ def survey(
             f"than {_MOST_PLACES}: take a larger spacing."
         )
     places = [stations(contour, spacing) for contour in path]
-    found: Engagement = surface.engagement(
+    met = surface
+    if not all(c.closed for c in surface.contours):
+        met = Surface([_lengthened(c, 2.0 * radius) for c in surface.contours])
+    found: Engagement = met.engagement(
         np.concatenate([at.point for at in places]),
         np.concatenate([at.direction for at in places]),
         radius,
@@ -319,7 +322,7 @@ def correct_path(
     if method == "forward" and r2 != radius:
         raise InputError("forward has one tool for all passes: leave out the previous diameter.")
     step = radius / 1000.0 if spacing is None else spacing
-    if not step > 0:
+    if not 0.0 < step < np.inf:
         raise InputError(f"the spacing is {step:g} mm, but must be above 0.")
     last = finished_path(walls, radius)
     plain = previous_surface(walls, radial_depth, r2)
@@ -390,7 +393,9 @@ def _left_on_walls(
 ) -> tuple[float, float]:
     """Least and greatest distance from what is cleared to the walls, beside the cleared side."""
     boundary = cleared_by(path, radius)
-    points = np.concatenate([stations(c, 0.05 * radius).point for c in boundary])
+    points = np.concatenate(
+        [_judged(c, stations(c, 0.05 * radius), 2.0 * radius).point for c in boundary]
+    )
     wall = joined([w.segments.on_host() for w in walls])
     gaps = np.empty(len(points))
     for chunk in np.array_split(
@@ -405,6 +410,32 @@ def _left_on_walls(
     beyond = Surface(walls).in_stock(points) & (gaps > 1e-7 * radius)
     signed = np.where(beyond, -gaps, gaps)
     return float(signed.min()), float(signed.max())
+
+
+def _lengthened(path: Contour, length: float) -> Contour:
+    """An open contour with a straight piece before and after it: the rim reaches past its ends."""
+    # Parallel curves of rounded open paths keep slivers, which are no walls that go on.
+    if path.closed or path.length < 1e-3 * length:
+        return path
+    pieces, points = path.segments.on_host(), np.asarray(path.points)
+    before = points[0] - length * pieces.direction[0]
+    after = points[-1] + length * end_directions(pieces, np)[-1]
+    return Contour(
+        np.concatenate([before[None], points, after[None]]),
+        np.pad(np.asarray(path.bulges), 1),
+        False,
+        path.name,
+    )
+
+
+def _judged(path: Contour, at: Stations, radius: float) -> Stations:
+    """All places of a closed path, and those of an open one that are a radius from its ends."""
+    length = float(at.way[-1])
+    if path.closed or length <= 3.0 * radius:
+        return at
+    inner = (at.way >= radius) & (at.way <= length - radius)
+    fields = (at.point, at.direction, at.curvature, at.way, at.segment)
+    return Stations(*(value[inner] for value in fields))
 
 
 def _at_tight_corner(path: Contour, at: Stations) -> np.ndarray:

@@ -91,8 +91,10 @@ def check_path(
     angle = target_angle(radial_depth, radius, target)
     r2 = radius if previous_radius is None else previous_radius
     step = radius / 1000.0 if spacing is None else spacing
-    if not (step > 0 and r2 > 0):
-        raise InputError("spacing and previous diameter must be above 0.")
+    if not 0.0 < step < np.inf:
+        raise InputError(f"the spacing is {step:g} mm, but must be above 0.")
+    if not 0.0 < r2 < np.inf:
+        raise InputError(f"the previous tool's diameter is {2 * r2:g} mm, but must be above 0.")
     plain, milling = finished_path(walls, radius), "down"
     seen = list(walls)
     passes = [plain]

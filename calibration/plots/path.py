@@ -89,7 +89,11 @@ def _coloured(
         chosen = _thinned(angle)
         points = at.point[chosen]
         lines = LineCollection(
-            np.stack([points[:-1], points[1:]], axis=1).tolist(), cmap="viridis", norm=scale, lw=2.5
+            np.stack([points[:-1], points[1:]], axis=1).tolist(),
+            cmap="viridis",
+            norm=scale,
+            lw=2.5,
+            capstyle="round",
         )
         lines.set_array(angle[chosen][:-1])
         axes.add_collection(lines)

@@ -165,7 +165,7 @@ def contour(
             f"{name}: the edge from vertex {i + 1} at ({x:g}, {y:g}) has no length: delete one of "
             "the two points."
         )
-    return _without_large_arcs(Contour(vertices, bends, closed, name))
+    return _without_large_arcs(Contour(vertices, bends, bool(closed), name))
 
 
 def from_segments(pieces: Segments, closed: bool, name: str) -> Contour:

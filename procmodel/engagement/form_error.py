@@ -265,7 +265,7 @@ def require_milling(milling: str) -> None:
         If it is neither "down" nor "up".
     """
     if milling not in MILLING:
-        raise InputError(f"milling {milling!r} is unknown{nearest(str(milling), MILLING)}.")
+        raise InputError(f"milling {milling!r} is unknown{nearest(str(milling), MILLING)}")
 
 
 def require_flutes(flutes: int) -> None:

@@ -121,6 +121,9 @@ def parallel(contours: Sequence[Contour], distance: float) -> Parallel:
     if not caps:
         pairs = _without_loose_ends(pairs, pieces, size)
     chains = _chains(len(pieces), *pairs, keep_open=bool(caps))
+    span = lengths(pieces, np)
+    # Beside open contours a loose end may be rounding, too.
+    chains = [(c, closed) for c, closed in chains if closed or np.sum(span[c]) > 1000.0 * same]
     order = np.array([i for chain, _ in chains for i in chain], int)
     closings = [
         np.append(np.arange(1, len(chain)), 0 if closed else -len(chain))

@@ -141,18 +141,26 @@ def place_along(segments: Segments, point: Any, xp: Any = jnp) -> Any:
 
 def distance_to(segments: Segments, point: Any, xp: Any = jnp) -> Any:
     """Distance of points from segments, one of each, shape (n,) [mm]."""
-    length = lengths(segments, xp)
-    kappa = segments.curvature
-    along = place_along(segments, point, xp)
-    # Behind the start of an arc, the way on round to its end may be the shorter one.
-    round_trip = 2.0 * np.pi / xp.where(kappa == 0.0, 1.0, xp.abs(kappa))
-    beyond = (kappa != 0.0) & (along < 0.0) & (along + round_trip - length < -along)
-    near = xp.where(beyond, length, xp.clip(along, 0.0, length))
-    foot, _ = advance(segments.start, segments.direction, kappa, near, xp)
-    gap = point - foot
-    squared = dot(gap, gap)
-    touching = squared == 0.0
-    return xp.where(touching, 0.0, xp.sqrt(xp.where(touching, 1.0, squared)))
+    q, to_end = point - segments.start, point - segments.end
+    kappa, normal = segments.curvature, left(segments.direction, xp)
+    level = 0.5 * kappa * dot(q, q) - dot(normal, q)
+    # |grad f|: the distance from the curve's centre over its radius, 0 at the centre itself.
+    steepness = _root(1.0 + 2.0 * kappa * level, xp)
+    off = 2.0 * level / (1.0 + steepness)
+    slope = (kappa[..., None] * q - normal) / xp.where(steepness > 0.0, steepness, 1.0)[..., None]
+    foot = q - off[..., None] * slope
+    chord = segments.end - segments.start
+    beside = (dot(foot, chord) >= 0.0) & (dot(foot, chord) <= dot(chord, chord))
+    # Of a line with a curvature of rounding, the foot is on its chord to rounding.
+    beside &= cross(chord, foot) * xp.sign(kappa) <= 1e-9 * dot(chord, chord)
+    ends = _root(xp.minimum(dot(q, q), dot(to_end, to_end)), xp)
+    return xp.where(beside, xp.minimum(xp.abs(off), ends), ends)
+
+
+def _root(x: Any, xp: Any) -> Any:
+    """Square root, 0 with gradient 0 where there is none."""
+    inside = x > 0.0
+    return xp.where(inside, xp.sqrt(xp.where(inside, x, 1.0)), 0.0)
 
 
 def joined(parts: list[Segments], xp: Any = np) -> Segments:
