@@ -215,7 +215,7 @@ def test_feed_may_change_along_the_path():
         ({"feed_per_tooth": math.nan}, r"^feed per tooth is nan mm, but must be above 0\.$"),
         ({"radius": 0.0}, r"^radius is 0 mm, but must be above 0\.$"),
         ({"helix": 0.0}, r"^helix is 0 deg, but must be above 0 and below 90: "),
-        ({"milling": "climb"}, r"^milling 'climb' is unknown; known are down, up\.$"),
+        ({"milling": "climb"}, r"^milling 'climb' is unknown; known are down, up$"),
     ],
 )
 def test_an_impossible_cut_is_refused(change, message):
