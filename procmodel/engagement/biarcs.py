@@ -54,7 +54,7 @@ def simplified(path: Contour, tolerance: float) -> Contour:
     path : Contour
         Many pieces; vertices where it turns sharply are kept.
     tolerance : float [mm]
-        Greatest distance from it, checked at its vertices and midway between them.
+        Greatest distance from it, checked at its vertices and seven places between them.
 
     Returns
     -------
@@ -68,8 +68,14 @@ def simplified(path: Contour, tolerance: float) -> Contour:
     leaving = np.concatenate(
         [pieces.direction, pieces.direction[:1] if path.closed else heading[-1:]]
     )
-    half = 0.5 * lengths(pieces, np)
-    middles, _ = advance(pieces.start, pieces.direction, pieces.curvature, half, np)
+    within = np.arange(1, 8) / 8.0
+    inner, _ = advance(
+        pieces.start[:, None],
+        pieces.direction[:, None],
+        pieces.curvature[:, None],
+        lengths(pieces, np)[:, None] * within,
+        np,
+    )
     sharp = np.abs(np.arctan2(cross(arriving, leaving), dot(arriving, leaving))) > 1e-6
     found, here, last = [], 0, len(pieces)
     reach = 1
@@ -81,7 +87,7 @@ def simplified(path: Contour, tolerance: float) -> Contour:
                 nodes[start : start + 1], leaving[start : start + 1],
                 nodes[to : to + 1], arriving[to : to + 1],
             )  # fmt: skip
-            between = np.concatenate([nodes[start + 1 : to], middles[start:to]])
+            between = np.concatenate([nodes[start + 1 : to], inner[start:to].reshape(-1, 2)])
             return pair if _within(pair, between, tolerance) else None
 
         if stop == here + 1:
