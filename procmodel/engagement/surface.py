@@ -75,7 +75,7 @@ class Surface:
         self.host = joined([c.segments.on_host() for c in contours])
         self.segments = self.host if segments is None else segments
         # Neighbours along the boundary in blocks, each with a circle around it: a cell asks blocks
-        # first, whose number near it is small however fine the pieces are.
+        # first. The rows of the tables still grow where pieces are much finer than the cells.
         around = boxes(self.host)
         self._first = np.arange(0, len(around), _BLOCK)
         low = np.minimum.reduceat(around[:, :2], self._first)
