@@ -88,8 +88,7 @@ def simplified(path: Contour, tolerance: float) -> Contour:
                 nodes[to : to + 1], arriving[to : to + 1],
             )  # fmt: skip
             between = np.concatenate([nodes[start + 1 : to], inner[start:to].reshape(-1, 2)])
-            # The places are not everywhere: a margin for what lies between them.
-            return pair if _within(pair, between, 0.9 * tolerance) else None
+            return pair if _within(pair, between, tolerance) else None
 
         if stop == here + 1:
             found.append(pieces[here : here + 1])
