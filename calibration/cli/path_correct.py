@@ -12,7 +12,7 @@ from procmodel.errors import InputError
 if TYPE_CHECKING:
     from calibration.plans.path import PathPlan
     from procmodel.engagement.contour import Contour
-    from procmodel.io import PathSettings
+    from procmodel.io import BulgePolyline, PathSettings
 
 PROGRAMS = (".nc", ".ngc", ".gcode", ".tap", ".cnc", ".iso")
 
@@ -153,7 +153,7 @@ def _settings(feed: float | None, spindle_speed: float | None, z: float) -> "Pat
 def _write(out: Path, passes: "list[list[Contour]]", settings: "PathSettings") -> None:
     from procmodel.io import write_contours_csv, write_dxf, write_path_program
 
-    lines = [_polyline(c, f"PASS {i + 1}") for i, one in enumerate(passes) for c in one]
+    lines = _lines(passes)
     if out.suffix.lower() == ".csv":
         write_contours_csv(out, lines)
     elif out.suffix.lower() == ".dxf":
@@ -165,12 +165,15 @@ def _write(out: Path, passes: "list[list[Contour]]", settings: "PathSettings") -
 def _draw(dxf: Path, walls: "list[Contour]", passes: "list[list[Contour]]") -> None:
     from procmodel.io import write_dxf
 
-    lines = [_polyline(wall, "WALL") for wall in walls]
-    lines += [_polyline(c, f"PASS {i + 1}") for i, one in enumerate(passes) for c in one]
+    lines = [*(_polyline(wall, "WALL") for wall in walls), *_lines(passes)]
     write_dxf(dxf, lines, [line.name for line in lines])
 
 
-def _polyline(path: "Contour", name: str) -> Any:
+def _lines(passes: "list[list[Contour]]") -> "list[BulgePolyline]":
+    return [_polyline(c, f"PASS {i + 1}") for i, one in enumerate(passes) for c in one]
+
+
+def _polyline(path: "Contour", name: str) -> "BulgePolyline":
     from procmodel.io import BulgePolyline
 
     return BulgePolyline(path.points, path.bulges, path.closed, name)

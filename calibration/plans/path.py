@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from procmodel.engagement import STATUS, engagement_angle_constant_curvature
-from procmodel.engagement.angle import AIR, CORNER_TOO_SMALL
+from procmodel.engagement.angle import AIR, CORNER_TOO_SMALL, require_target
 from procmodel.engagement.backward import previous_pass
 from procmodel.engagement.contour import Contour, Stations, corner_turns, stations
 from procmodel.engagement.floor import unavoidable_angle
@@ -260,11 +260,36 @@ def target_angle(radial_depth: float, radius: float, target: float | None = None
         )
     if target is None:
         return float(engagement_angle_constant_curvature(radial_depth, radius, 0.0))
-    if not 0.0 < target < np.pi:
-        raise InputError(
-            f"the target angle is {np.degrees(target):g} degrees, but must be between 0 and 180."
-        )
+    require_target(target)
     return target
+
+
+def radius_before(previous_radius: float | None, radius: float) -> float:
+    """Radius of the previous pass' tool, checked: that of this pass' tool unless given.
+
+    Raises
+    ------
+    InputError
+        If it is not above 0.
+    """
+    chosen = radius if previous_radius is None else previous_radius
+    if not 0.0 < chosen < np.inf:
+        raise InputError(f"the previous tool's diameter is {2 * chosen:g} mm, but must be above 0.")
+    return chosen
+
+
+def spacing_or_usual(spacing: float | None, radius: float) -> float:
+    """Distance of the places looked at [mm], checked: a thousandth of the radius unless given.
+
+    Raises
+    ------
+    InputError
+        If it is not above 0.
+    """
+    chosen = radius / 1000.0 if spacing is None else spacing
+    if not 0.0 < chosen < np.inf:
+        raise InputError(f"the spacing is {chosen:g} mm, but must be above 0.")
+    return chosen
 
 
 def correct_path(
@@ -316,14 +341,10 @@ def correct_path(
         raise InputError(f"method {method!r} is unknown{nearest(method, METHODS)}")
     if not 1 <= passes <= 1000:
         raise InputError(f"passes is {passes}, but must be 1 to 1000.")
-    r2 = radius if previous_radius is None else previous_radius
-    if not 0.0 < r2 < np.inf:
-        raise InputError(f"the previous tool's diameter is {2 * r2:g} mm, but must be above 0.")
+    r2 = radius_before(previous_radius, radius)
     if method == "forward" and r2 != radius:
         raise InputError("forward has one tool for all passes: leave out the previous diameter.")
-    step = radius / 1000.0 if spacing is None else spacing
-    if not 0.0 < step < np.inf:
-        raise InputError(f"the spacing is {step:g} mm, but must be above 0.")
+    step = spacing_or_usual(spacing, radius)
     last = finished_path(walls, radius)
     plain = previous_surface(walls, radial_depth, r2)
     before = survey(last, plain, radius, angle, step)
@@ -394,7 +415,7 @@ def _left_on_walls(
     """Least and greatest distance from what is cleared to the walls, beside the cleared side."""
     boundary = cleared_by(path, radius)
     points = np.concatenate(
-        [_judged(c, stations(c, 0.05 * radius), 2.0 * radius).point for c in boundary]
+        [_away_from_ends(c, stations(c, 0.05 * radius), 2.0 * radius).point for c in boundary]
     )
     wall = joined([w.segments.on_host() for w in walls])
     gaps = np.empty(len(points))
@@ -428,7 +449,7 @@ def _lengthened(path: Contour, length: float) -> Contour:
     )
 
 
-def _judged(path: Contour, at: Stations, radius: float) -> Stations:
+def _away_from_ends(path: Contour, at: Stations, radius: float) -> Stations:
     """All places of a closed path, and those of an open one that are a radius from its ends."""
     length = float(at.way[-1])
     if path.closed or length <= 3.0 * radius:

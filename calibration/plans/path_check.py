@@ -6,7 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from calibration.plans.path import Survey, finished_path, survey, target_angle
+from calibration.plans.path import (
+    Survey,
+    finished_path,
+    radius_before,
+    spacing_or_usual,
+    survey,
+    target_angle,
+)
 from procmodel.engagement.contour import Contour
 from procmodel.engagement.floor import unavoidable_angle
 from procmodel.engagement.surface import Surface, cleared_by, previous_surface
@@ -89,12 +96,8 @@ def check_path(
         If something is impossible, or the program does not go round as the walls do.
     """
     angle = target_angle(radial_depth, radius, target)
-    r2 = radius if previous_radius is None else previous_radius
-    step = radius / 1000.0 if spacing is None else spacing
-    if not 0.0 < step < np.inf:
-        raise InputError(f"the spacing is {step:g} mm, but must be above 0.")
-    if not 0.0 < r2 < np.inf:
-        raise InputError(f"the previous tool's diameter is {2 * r2:g} mm, but must be above 0.")
+    step = spacing_or_usual(spacing, radius)
+    r2 = radius_before(previous_radius, radius)
     plain, milling = finished_path(walls, radius), "down"
     seen = list(walls)
     passes = [plain]

@@ -14,6 +14,7 @@ import jax
 import numpy as np
 
 from calibration.plans.path import PathPlan
+from experiments.comparison import Expected, deviations, read_expected, table
 from experiments.ibaraki_constant_engagement import loads as force
 from experiments.ibaraki_constant_engagement import passes
 from experiments.ibaraki_constant_engagement.conditions import PAPERS_CUT, Conditions
@@ -136,42 +137,9 @@ def _forces(results: Results) -> dict[str, float | list[float]]:
     return numbers
 
 
-def expected_numbers() -> dict[str, dict[str, Any]]:
+def expected_numbers() -> Expected:
     """What ``expected.json`` says of every key number."""
-    return json.loads((HERE / "expected.json").read_text(encoding="utf-8"))
-
-
-def deviations(
-    numbers: dict[str, float | list[float]], expected: dict[str, dict[str, Any]]
-) -> dict[str, float]:
-    """Greatest distance of every number from what is expected, over its tolerance."""
-    return {
-        name: float(
-            np.max(np.abs(np.asarray(value) - np.asarray(expected[name]["value"])))
-            / expected[name]["tolerance"]
-        )
-        for name, value in numbers.items()
-    }
-
-
-def table(numbers: dict[str, float | list[float]], expected: dict[str, dict[str, Any]]) -> str:
-    """The comparison as text, one number a line (the worst entry of a list)."""
-    off = deviations(numbers, expected)
-    width = max(len(name) for name in numbers)
-    lines = [
-        f"{'key number':<{width}}  {'computed':>12}  {'expected':>12}  {'tolerance':>9}  "
-        f"{'unit':<6}  {'kind':<12}  verdict"
-    ]
-    for name, value in numbers.items():
-        entry = expected[name]
-        got, want = np.atleast_1d(value), np.atleast_1d(entry["value"])
-        worst = int(np.argmax(np.abs(got - want)))
-        verdict = "as expected" if off[name] <= 1 else "OFF"
-        lines.append(
-            f"{name:<{width}}  {got[worst]:>12.6f}  {want[worst]:>12.6f}  "
-            f"{entry['tolerance']:>9.2g}  {entry['unit']:<6}  {entry['kind']:<12}  {verdict}"
-        )
-    return "\n".join(lines)
+    return read_expected(HERE)
 
 
 def against_the_paper(results: Results) -> str:

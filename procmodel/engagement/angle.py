@@ -16,10 +16,13 @@ References
    2006.
 """
 
+import math
+
 import jax.numpy as jnp
 from jax import Array
 from jax.typing import ArrayLike
 
+from procmodel.errors import InputError
 from procmodel.numerics import safe_sqrt
 
 ENGAGED, AIR, SLOT, CORNER_TOO_SMALL, MULTIPLE, DETACHED = range(6)
@@ -200,6 +203,25 @@ def surface_kink(angle: ArrayLike, radius: ArrayLike, path_curvature: ArrayLike)
     """
     bend = jnp.asarray(radius) * jnp.asarray(path_curvature)
     return jnp.arctan2(bend * jnp.sin(jnp.asarray(angle)), 1.0 + bend * jnp.cos(jnp.asarray(angle)))
+
+
+def require_target(angle: float) -> None:
+    """Refuse an engagement angle that cannot be held.
+
+    Parameters
+    ----------
+    angle : float [rad]
+        What is to be held.
+
+    Raises
+    ------
+    InputError
+        If it is not between 0 and pi.
+    """
+    if not 0.0 < angle < math.pi:
+        raise InputError(
+            f"the target angle is {math.degrees(angle):g} degrees, but must be between 0 and 180."
+        )
 
 
 def _depth_ratio(radial_depth: ArrayLike, radius: ArrayLike, curvature: ArrayLike) -> Array:

@@ -19,6 +19,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from procmodel.engagement.angle import require_target
 from procmodel.engagement.contour import Contour, from_segments
 from procmodel.engagement.offset import offset
 from procmodel.engagement.segments import (
@@ -89,10 +90,7 @@ def wanted_surface(path: Contour, angle: float, radius: float) -> Contour:
     InputError
         If the angle is not between 0 and pi.
     """
-    if not 0.0 < angle < np.pi:
-        raise InputError(
-            f"the target angle is {np.degrees(angle):g} degrees, but must be between 0 and 180."
-        )
+    require_target(angle)
     pieces = path.segments.on_host()
     surface = wanted_segments(pieces, angle, radius, np)
     heading = end_directions(pieces, np)

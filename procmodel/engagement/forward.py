@@ -23,6 +23,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from procmodel.engagement.angle import require_target
 from procmodel.engagement.biarcs import through
 from procmodel.engagement.contact import contact
 from procmodel.engagement.contour import Contour
@@ -141,10 +142,7 @@ def forward_pass(
     InputError
         If the angle is not between 0 and pi.
     """
-    if not 0.0 < angle < np.pi:
-        raise InputError(
-            f"the target angle is {np.degrees(angle):g} degrees, but must be between 0 and 180."
-        )
+    require_target(angle)
     forgets = radius * np.sin(angle)
     finest = forgets / _STEPS_TO_FORGET if step is None else step
     paths, gap, slowest = [], 0.0, np.inf
@@ -274,9 +272,9 @@ def _newton(
         found = contact(centres + x[:, None] * normal, directions, radius, near, there)
         return found.depth_ratio if in_ratio else found.angle
 
-    def slope_of(x: Array, here: Array) -> tuple[Array, Array]:
+    def value_and_slope(x: Array) -> tuple[Array, Array]:
         if method == "difference":
-            h = _DIFFERENCE * radius
+            h, here = _DIFFERENCE * radius, value(x)
             return here, (value(x + h) - here) / h
         return jax.jvp(value, (x,), (jnp.ones_like(x),))
 
@@ -286,8 +284,7 @@ def _newton(
 
     def step(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         x, _, count = state
-        here = value(x) if method == "difference" else x
-        here, slope = slope_of(x, here)
+        here, slope = value_and_slope(x)
         flat = jnp.abs(slope) < 1e-12
         change = jnp.where(flat, 0.0, (target - here) / jnp.where(flat, 1.0, slope))
         new = jnp.clip(x + change, -limit, limit)

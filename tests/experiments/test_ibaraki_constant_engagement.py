@@ -11,6 +11,7 @@ from math import acos, asin, atan, atan2, cos, degrees, hypot, pi, sin, sqrt, ta
 import numpy as np
 import pytest
 
+from experiments.comparison import deviations
 from experiments.ibaraki_constant_engagement import passes, run
 from experiments.ibaraki_constant_engagement.conditions import PAPERS_CUT, open_wall
 
@@ -180,7 +181,7 @@ def expected():
 def test_every_key_number_is_as_expected(results, expected):
     numbers = run.key_numbers(results)
     assert numbers.keys() == expected.keys()
-    off = run.deviations(numbers, expected)
+    off = deviations(numbers, expected)
     assert {name: value for name, value in off.items() if value > 1} == {}
 
 
@@ -222,7 +223,7 @@ def test_plain_numbers_are_those_of_the_notes():
 def test_a_wrong_radius_is_rejected(wrong, expected):
     conditions = replace(PAPERS_CUT, **wrong)
     numbers = run.geometry_numbers(passes.on_open_wall(conditions), conditions)
-    off = run.deviations(numbers, expected)
+    off = deviations(numbers, expected)
     of_the_line = {
         "angle on the line",
         "angle per radial depth on the line",

@@ -12,6 +12,7 @@ from math import atan, pi, sqrt
 import numpy as np
 import pytest
 
+from experiments.comparison import deviations
 from experiments.yu_1997_cavities import loop, run
 from experiments.yu_1997_cavities.cavities import (
     compensated,
@@ -36,7 +37,7 @@ def expected():
 
 
 def test_every_key_number_is_as_expected(results, expected):
-    off = run.deviations(run.key_numbers(results), expected)
+    off = deviations(run.key_numbers(results), expected)
     assert {name: value for name, value in off.items() if value > 1} == {}
 
 
@@ -51,7 +52,7 @@ def test_the_known_answers_are_those_of_the_notes(expected):
 
 def test_wear_ratios_off_by_ten_percent_are_rejected(expected):
     numbers = run.key_numbers(run.compute(ASSUMED.with_wear_scaled(1.1)))
-    off = run.deviations(numbers, expected)
+    off = deviations(numbers, expected)
     sensitive = [
         name
         for name, entry in expected.items()

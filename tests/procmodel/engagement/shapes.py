@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from shapely import LineString, Point, Polygon
 
 from procmodel.engagement.contour import contour, from_segments
-from procmodel.engagement.segments import Segments, lengths
+from procmodel.engagement.segments import Segments, advance, lengths
 
 QUAD_SEGS = 256
 FINEST = 0.5 * math.pi / QUAD_SEGS
@@ -25,6 +25,15 @@ QUARTER = math.tan(math.pi / 8)  # the bulge of a quarter circle
 def circle(radius, centre=(0.0, 0.0), turn=1.0):
     x, y = centre
     return contour([[x + radius, y], [x - radius, y]], [turn, turn], name="circle")
+
+
+def along(path, way):
+    """Points and directions at arc lengths of a path."""
+    pieces = path.segments.on_host()
+    begin = np.concatenate([[0.0], np.cumsum(lengths(pieces, np))])
+    owner = np.clip(np.searchsorted(begin, way, side="right") - 1, 0, len(pieces) - 1)
+    c = pieces[owner]
+    return advance(c.start, c.direction, c.curvature, way - begin[owner], np)
 
 
 def polygonal(points, name="polygon"):

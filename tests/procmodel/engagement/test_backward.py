@@ -21,6 +21,7 @@ from procmodel.engagement.offset import offset
 from procmodel.engagement.segments import advance, lengths
 from procmodel.errors import InputError
 from tests.procmodel.engagement.shapes import (
+    along,
     box,
     circle,
     dumbbell,
@@ -42,14 +43,6 @@ def paper_path(lead=40.0):
     """Path of the paper's cut: a line, a quarter of Rp - r = 3 to the left, a line."""
     bend = WALL - RADIUS
     return open_path((lead, 0.0), (0.5 * math.pi * bend, 1 / bend), (lead, 0.0))
-
-
-def along(path, way):
-    pieces = path.segments.on_host()
-    begin = np.concatenate([[0.0], np.cumsum(lengths(pieces, np))])
-    owner = np.clip(np.searchsorted(begin, way, side="right") - 1, 0, len(pieces) - 1)
-    c = pieces[owner]
-    return advance(c.start, c.direction, c.curvature, way - begin[owner], np)
 
 
 def test_the_wanted_surface_on_lines_and_circles():

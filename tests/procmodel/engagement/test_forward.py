@@ -12,18 +12,10 @@ from procmodel.engagement.offset import offset
 from procmodel.engagement.segments import advance, lengths
 from procmodel.engagement.surface import Surface, previous_surface
 from procmodel.errors import InputError
-from tests.procmodel.engagement.shapes import box, circle, open_path, rounded_rectangle
+from tests.procmodel.engagement.shapes import along, box, circle, open_path, rounded_rectangle
 
 RADIUS, DEPTH, WALL = 5.0, 0.1, 8.0
 ALPHA = math.acos(1 - DEPTH / RADIUS)
-
-
-def along(path, way):
-    pieces = path.segments.on_host()
-    begin = np.concatenate([[0.0], np.cumsum(lengths(pieces, np))])
-    owner = np.clip(np.searchsorted(begin, way, side="right") - 1, 0, len(pieces) - 1)
-    c = pieces[owner]
-    return advance(c.start, c.direction, c.curvature, way - begin[owner], np)
 
 
 def straight_march(to, count, alpha, beta):

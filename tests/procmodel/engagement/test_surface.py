@@ -41,6 +41,7 @@ from procmodel.engagement.surface import (
 from procmodel.errors import InputError
 from tests.procmodel.engagement.shapes import (
     QUARTER,
+    along,
     box,
     circle,
     open_path,
@@ -130,15 +131,6 @@ def paper():
     walls = [corner_wall()]
     (path,) = offset(walls, RADIUS)
     return path, previous_surface(walls, DEPTH, RADIUS)
-
-
-def along(path, way):
-    """Points and directions at arc lengths of a path."""
-    pieces = path.segments.on_host()
-    begin = np.concatenate([[0.0], np.cumsum(lengths(pieces, np))])
-    owner = np.clip(np.searchsorted(begin, way, side="right") - 1, 0, len(pieces) - 1)
-    c = pieces[owner]
-    return advance(c.start, c.direction, c.curvature, way - begin[owner], np)
 
 
 def test_the_paper_s_way_into_the_arc():

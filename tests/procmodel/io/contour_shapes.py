@@ -3,9 +3,20 @@
 import math
 
 import numpy as np
+import pytest
 from hypothesis import strategies as st
 
+from procmodel.errors import InputError
 from procmodel.io import BulgePolyline
+
+
+def refused(call, *arguments, **keywords):
+    """The one sentence with which a call is refused."""
+    with pytest.raises(InputError) as raised:
+        call(*arguments, **keywords)
+    message = str(raised.value)
+    assert "\n" not in message
+    return message
 
 
 def polyline(points, bulges=None, closed=True, name="shape"):

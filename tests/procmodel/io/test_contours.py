@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from procmodel.errors import InputError
 from procmodel.io import (
     PathSettings,
     read_contours,
@@ -16,7 +15,7 @@ from procmodel.io import (
     write_dxf,
     write_path_program,
 )
-from tests.procmodel.io.contour_shapes import PLATE, PLATE_AREA, area, polyline, stars
+from tests.procmodel.io.contour_shapes import PLATE, PLATE_AREA, area, polyline, refused, stars
 
 
 @pytest.fixture
@@ -27,14 +26,6 @@ def read(tmp_path):
         return read_contours(path, **arguments)
 
     return write
-
-
-def refused(call, *arguments, **keywords):
-    with pytest.raises(InputError) as raised:
-        call(*arguments, **keywords)
-    message = str(raised.value)
-    assert "\n" not in message
-    return message
 
 
 @pytest.mark.parametrize("suffix", [".dxf", ".DXF"])

@@ -22,6 +22,7 @@ from tests.procmodel.io.contour_shapes import (
     area,
     pieces,
     polyline,
+    refused,
     stars,
     traced,
 )
@@ -41,14 +42,6 @@ def drawing(tmp_path):
         return read_dxf(path, **arguments)
 
     return write
-
-
-def refused(call, *arguments, **keywords):
-    with pytest.raises(InputError) as raised:
-        call(*arguments, **keywords)
-    message = str(raised.value)
-    assert "\n" not in message
-    return message
 
 
 def draw_slot(space, shift=(0, 0)):

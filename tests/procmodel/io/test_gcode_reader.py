@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from procmodel.errors import InputError
 from procmodel.io import read_gcode
-from tests.procmodel.io.contour_shapes import PLATE_AREA, arc, area, pieces, stars, traced
+from tests.procmodel.io.contour_shapes import PLATE_AREA, arc, area, pieces, refused, stars, traced
 
 
 @pytest.fixture
@@ -21,14 +21,6 @@ def read(tmp_path):
         return read_gcode(path, **arguments)
 
     return write
-
-
-def refused(call, *arguments, **keywords):
-    with pytest.raises(InputError) as raised:
-        call(*arguments, **keywords)
-    message = str(raised.value)
-    assert "\n" not in message
-    return message
 
 
 PLATE_PROGRAM = """%
