@@ -41,8 +41,9 @@ from procmodel.engagement.force import (
     peak_force,
 )
 from procmodel.engagement.form_error import Cut, engaged_between, form_error, wall_force
-from procmodel.engagement.forward import forward_pass, move_places
+from procmodel.engagement.forward import forward_pass
 from procmodel.engagement.materials import PublishedCoefficients, published_coefficients
+from procmodel.engagement.moving import move_places
 from procmodel.engagement.offset import offset
 from procmodel.engagement.surface import Surface, cleared_by, previous_surface, traced_surface
 

@@ -7,8 +7,7 @@ engagement angle to the left, and
     do/du = (W'(u) . q) / (r sin(alpha)) t.
 
 It holds while W' . q > 0, and forgets where it began within r sin(alpha) of way, so that a second
-lap closes a loop. Or place by place, as the paper does it, by Newton's method for the distance that
-each place of a given path is moved across it. Lengths in mm, angles in rad.
+lap closes a loop. Lengths in mm, angles in rad.
 
 References
 ----------
@@ -16,7 +15,6 @@ References
 """
 
 from dataclasses import dataclass
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -25,20 +23,13 @@ from jax import Array
 
 from procmodel.engagement.angle import require_target
 from procmodel.engagement.biarcs import through
-from procmodel.engagement.contact import contact
 from procmodel.engagement.contour import Contour
-from procmodel.engagement.segments import Segments, advance, dot, left, lengths, turned
-from procmodel.engagement.surface import Surface, cleared_by, padded_rows
-from procmodel.errors import InputError
+from procmodel.engagement.segments import Segments, advance, dot, lengths, turned
+from procmodel.engagement.surface import Surface, cleared_by
 
-METHODS = ("ratio", "angle", "difference")
-_STEPS = 30
 # Steps in the length r sin(alpha) within which the tool forgets where it came from.
 _STEPS_TO_FORGET = 500
 _COARSEST = 16.0
-# Of the tool radius: the step of the finite difference in the paper's baseline.
-_DIFFERENCE = 1e-5
-_SETTLED = 1e-12
 
 
 @dataclass(frozen=True)
@@ -168,138 +159,6 @@ def forward_pass(
         slowest = min(slowest, float(speed.min()))
         paths.append(through(centre, direction, boundary.closed, boundary.name))
     return ForwardPass(paths, gap, slowest)
-
-
-@dataclass(frozen=True)
-class MovedPath:
-    """Places moved across a path so that each has a given engagement angle.
-
-    Attributes
-    ----------
-    moved : ndarray, shape (n,) [mm]
-        Towards the wall positive.
-    angle : ndarray, shape (n,) [rad]
-        Engagement angle reached, the feed direction being that of the given path.
-    steps : int
-        Steps that the slowest place took.
-    converged : ndarray of bool, shape (n,)
-        Where the angle is met; the one step of the paper's mode is not judged.
-    """
-
-    moved: np.ndarray
-    angle: np.ndarray
-    steps: int
-    converged: np.ndarray
-
-
-def move_places(
-    surface: Surface,
-    centres: np.ndarray,
-    directions: np.ndarray,
-    angle: float,
-    radius: float,
-    method: str = "ratio",
-    steps: int = _STEPS,
-    reach: float | None = None,
-) -> MovedPath:
-    """Move every place of a path across it until the engagement angle is met.
-
-    Parameters
-    ----------
-    surface : Surface
-        What the previous pass left.
-    centres, directions : ndarray, shape (n, 2) [mm, -]
-        The given path, wall to the right.
-    angle : float [rad]
-        Engagement angle that is wanted.
-    radius : float [mm]
-        Tool radius.
-    method : {"ratio", "angle", "difference"}
-        Newton's method in c = 1 - cos(alpha), or in alpha itself, with derivatives by automatic
-        differentiation; or the paper's own: one step in alpha with a finite difference.
-    steps : int
-        Greatest number of steps.
-    reach : float, optional [mm]
-        Farthest that a place may be moved; half the tool radius when left out.
-
-    Returns
-    -------
-    MovedPath
-        How far every place moved. Places that cannot meet the angle stay where they got to, and
-        are not converged.
-
-    Raises
-    ------
-    InputError
-        If the method is unknown.
-    """
-    if method not in METHODS:
-        raise InputError(f"method is {method!r}: choose one of {', '.join(METHODS)}.")
-    o, t = np.asarray(centres, float), np.asarray(directions, float)
-    limit = 0.5 * radius if reach is None else reach
-    moved, reached, sound, most = np.zeros(len(o)), np.zeros(len(o)), np.zeros(len(o), bool), 0
-    for chosen, table in surface.windows(o, radius, limit):
-        found = _newton(
-            surface.segments, *padded_rows(o[chosen], t[chosen], table), angle, radius, limit,
-            steps, method,
-        )  # fmt: skip
-        x, alpha, good, taken = (np.asarray(a) for a in found)
-        count = len(chosen)
-        moved[chosen], reached[chosen], sound[chosen] = x[:count], alpha[:count], good[:count]
-        most = max(most, int(taken))
-    return MovedPath(moved, reached, most, sound)
-
-
-@partial(jax.jit, static_argnames=("method",))
-def _newton(
-    segments: Segments,
-    centres: Array,
-    directions: Array,
-    table: Array,
-    angle: float,
-    radius: float,
-    limit: float,
-    steps: int,
-    method: str,
-) -> tuple[Array, Array, Array, Array]:
-    """Distance moved, angle reached and whether it is met, shape (n,); and the steps taken."""
-    near, there = segments[jnp.maximum(table, 0)], table >= 0
-    normal = -left(directions)
-    in_ratio = method == "ratio"
-    target = 2.0 * jnp.sin(0.5 * angle) ** 2 if in_ratio else jnp.asarray(angle)
-
-    def value(x: Array) -> Array:
-        found = contact(centres + x[:, None] * normal, directions, radius, near, there)
-        return found.depth_ratio if in_ratio else found.angle
-
-    def value_and_slope(x: Array) -> tuple[Array, Array]:
-        if method == "difference":
-            h, here = _DIFFERENCE * radius, value(x)
-            return here, (value(x + h) - here) / h
-        return jax.jvp(value, (x,), (jnp.ones_like(x),))
-
-    def wanting(state: tuple[Array, Array, Array]) -> Array:
-        _, last, count = state
-        return (count < steps) & jnp.any(jnp.abs(last) > _SETTLED * radius)
-
-    def step(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        x, _, count = state
-        here, slope = value_and_slope(x)
-        flat = jnp.abs(slope) < 1e-12
-        change = jnp.where(flat, 0.0, (target - here) / jnp.where(flat, 1.0, slope))
-        new = jnp.clip(x + change, -limit, limit)
-        return new, new - x, count + 1
-
-    zero = jnp.zeros(len(centres))
-    if method == "difference":
-        x, _, count = step((zero, zero, jnp.asarray(0)))
-    else:
-        x, _, count = jax.lax.while_loop(
-            wanting, step, (zero, jnp.full_like(zero, jnp.inf), jnp.asarray(0))
-        )
-    found = contact(centres + x[:, None] * normal, directions, radius, near, there)
-    met = jnp.abs(found.angle - angle) <= 1e-9
-    return x, found.angle, met, count
 
 
 def _graded(boundary: Contour, finest: float, forgets: float) -> np.ndarray:

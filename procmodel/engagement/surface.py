@@ -13,21 +13,19 @@ import numpy as np
 import shapely
 from jax import Array
 from numpy.typing import ArrayLike
-from shapely import STRtree, box
+from shapely import STRtree
 
 from procmodel.engagement.angle import AIR, DETACHED, ENGAGED, MULTIPLE, SLOT
 from procmodel.engagement.contact import Contact, contact
 from procmodel.engagement.contour import Contour
+from procmodel.engagement.index import SegmentIndex
 from procmodel.engagement.offset import offset, parallel, traced
-from procmodel.engagement.segments import Segments, boxes, distance_to, joined, lengths
+from procmodel.engagement.segments import Segments, joined
 from procmodel.errors import InputError
 
 # Places evaluated in one compiled call: bounds the memory, whatever the length of the path.
 _CHUNK = 1 << 16
 _FEWEST = 1 << 8
-_BLOCK = 16
-# Of the tool radius: the size of the cells for which near segments are looked up.
-_FINEST_CELL, _COARSEST_CELL = 1 / 400, 1 / 4
 
 
 class Engagement(NamedTuple):
@@ -74,15 +72,7 @@ class Surface:
         self.contours = list(contours)
         self.host = joined([c.segments.on_host() for c in contours])
         self.segments = self.host if segments is None else segments
-        # Neighbours along the boundary in blocks, each with a circle around it: a cell asks blocks
-        # first. The rows of the tables still grow where pieces are much finer than the cells.
-        around = boxes(self.host)
-        self._first = np.arange(0, len(around), _BLOCK)
-        low = np.minimum.reduceat(around[:, :2], self._first)
-        high = np.maximum.reduceat(around[:, 2:], self._first)
-        self._middle, self._around = 0.5 * (low + high), 0.5 * np.hypot(*(high - low).T)
-        self._tree = STRtree(box(*np.column_stack([low, high]).T))
-        self._spacing = float(np.median(lengths(self.host, np)))
+        self.index = SegmentIndex(self.host)
 
     def windows(
         self, centres: np.ndarray, radius: float, margin: float = 0.0
@@ -104,68 +94,7 @@ class Surface:
             Numbers of the centres in groups, and for each the numbers of the segments, filled up
             with -1. Sizes are powers of 2, so that few shapes are compiled.
         """
-        size = float(np.clip(4.0 * self._spacing, _FINEST_CELL * radius, _COARSEST_CELL * radius))
-        cell = np.floor(centres / size).astype(np.int64)
-        low = cell.min(axis=0)
-        width = int(np.ptp(cell[:, 1])) + 1
-        key = (cell[:, 0] - low[0]) * width + (cell[:, 1] - low[1])
-        keys, owner = np.unique(key, return_inverse=True)
-        middle = (np.column_stack([keys // width, keys % width]) + low + 0.5) * size
-        slack = 0.7072 * size + margin
-        reach = radius + slack
-        found_cell, block = self._tree.query(
-            box(*np.column_stack([middle - reach, middle + reach]).T)
-        )
-        away = np.hypot(*(self._middle[block] - middle[found_cell]).T)
-        hit = np.abs(away - radius) <= slack + self._around[block]
-        found_cell, block = np.repeat(found_cell[hit], _BLOCK), block[hit]
-        found = (self._first[block][:, None] + np.arange(_BLOCK)).ravel()
-        real = found < len(self.host)
-        found_cell, found = found_cell[real], found[real]
-        near = self.host[found]
-        at = middle[found_cell]
-        farthest = np.maximum(np.hypot(*(near.start - at).T), np.hypot(*(near.end - at).T))
-        # An arc may bulge out farther than its ends.
-        farthest += 0.5 * lengths(near, np) * (near.curvature != 0.0)
-        meets = (distance_to(near, at, np) <= reach) & (farthest >= radius - slack)
-        found_cell, found = found_cell[meets], found[meets]
-        order = np.argsort(found_cell, kind="stable")
-        found_cell, found = found_cell[order], found[order]
-        counts = np.bincount(found_cell, minlength=len(keys))
-        first = np.cumsum(counts) - counts
-        rank = np.arange(len(found)) - first[found_cell]
-        groups = []
-        widths = 1 << np.ceil(np.log2(np.maximum(counts, 2))).astype(int)
-        for k in np.unique(widths):
-            cells = np.flatnonzero(widths == k)
-            table = np.full((len(cells), k), -1)
-            row_of = np.full(len(keys), -1)
-            row_of[cells] = np.arange(len(cells))
-            mine = row_of[found_cell] >= 0
-            table[row_of[found_cell[mine]], rank[mine]] = found[mine]
-            places = np.flatnonzero(row_of[owner] >= 0)
-            for chunk in np.array_split(places, max(1, -(-len(places) // _CHUNK))):
-                groups.append((chunk, table[row_of[owner[chunk]]]))
-        return groups
-
-    def near(self, centres: np.ndarray, radius: float, margin: float = 0.0) -> np.ndarray:
-        """One table of the segments near a few places, for laws that are to be differentiated.
-
-        Parameters
-        ----------
-        centres, radius, margin
-            As for `windows`.
-
-        Returns
-        -------
-        ndarray of int, shape (n, k)
-            Numbers of segments, filled up with -1.
-        """
-        groups = self.windows(centres, radius, margin)
-        table = np.full((len(centres), max(found.shape[1] for _, found in groups)), -1)
-        for chosen, found in groups:
-            table[chosen, : found.shape[1]] = found
-        return table
+        return self.index.tables(centres, radius, margin, _CHUNK)
 
     def in_stock(self, points: np.ndarray) -> np.ndarray:
         """Whether points lie in the stock; on the boundary itself either may be said.

@@ -1,18 +1,16 @@
-"""Algorithm I: the tractrix in closed form, orders, laps, and places moved by Newton's method."""
+"""Algorithm I: the tractrix in closed form, orders, laps."""
 
 import math
 
 import numpy as np
 import pytest
 
-from procmodel.engagement.angle import engagement_angle_constant_curvature
 from procmodel.engagement.biarcs import simplified
-from procmodel.engagement.forward import METHODS, forward_pass, march, move_places, passes
-from procmodel.engagement.offset import offset
+from procmodel.engagement.forward import forward_pass, march, passes
 from procmodel.engagement.segments import advance, lengths
 from procmodel.engagement.surface import Surface, previous_surface
 from procmodel.errors import InputError
-from tests.procmodel.engagement.shapes import along, box, circle, open_path, rounded_rectangle
+from tests.procmodel.engagement.shapes import box, circle, open_path, rounded_rectangle
 
 RADIUS, DEPTH, WALL = 5.0, 0.1, 8.0
 ALPHA = math.acos(1 - DEPTH / RADIUS)
@@ -157,118 +155,8 @@ def test_several_passes_meet_the_surfaces_of_each_other():
     assert high[1] - high[0] == pytest.approx(DEPTH, rel=1e-3)
 
 
-def paper():
-    walls = [open_path((40, 0.0), (0.5 * math.pi * WALL, 1 / WALL), (40, 0.0))]
-    (path,) = offset(walls, RADIUS)
-    return path, previous_surface(walls, DEPTH, RADIUS)
-
-
-def on_arc(moved):
-    """Angle on the paper's arc with the path's radius 3 + moved: a triangle of 3 + x, 5, 7.9."""
-    path = WALL - RADIUS + moved
-    cosine = (path**2 + RADIUS**2 - (WALL - DEPTH) ** 2) / (2 * path * RADIUS)
-    return math.pi - math.acos(cosine)
-
-
-def test_newton_in_c_converges_in_six_steps():
-    path, surface = paper()
-    at = along(path, np.linspace(30, path.length - 30, 801))
-    found = move_places(surface, *at, ALPHA, RADIUS)
-    assert np.all(found.converged)
-    assert found.steps <= 6
-    np.testing.assert_allclose(found.angle, ALPHA, atol=1e-9)
-    # Moved, the places have that angle: evaluated anew, in the direction of the given path.
-    normal = np.column_stack([at[1][:, 1], -at[1][:, 0]])
-    again = surface.engagement(at[0] + found.moved[:, None] * normal, at[1], RADIUS)
-    np.testing.assert_allclose(again.angle, ALPHA, atol=1e-9)
-    # On the line nothing moves; on the arc as far as the triangle says.
-    assert found.moved[0] == pytest.approx(0.0, abs=1e-12)
-    on = np.abs(found.moved - found.moved[400]) < 1e-9
-    exact = math.sqrt((WALL - DEPTH) ** 2 - (RADIUS * math.sin(ALPHA)) ** 2)
-    exact -= RADIUS * math.cos(ALPHA) + WALL - RADIUS
-    assert np.sum(on) > 10
-    np.testing.assert_allclose(found.moved[on], exact, atol=1e-10)
-
-
-def test_newton_in_the_angle_agrees():
-    path, surface = paper()
-    at = along(path, np.linspace(41.0, 43.0, 11))
-    one, other = (move_places(surface, *at, ALPHA, RADIUS, m) for m in ("ratio", "angle"))
-    assert np.all(other.converged)
-    np.testing.assert_allclose(other.moved, one.moved, atol=1e-10)
-    assert one.steps <= other.steps
-
-
-def test_one_step_of_the_paper_s_mode():
-    """A finite difference in alpha on the arc, by the triangle; and the same step in c."""
-    path, surface = paper()
-    at = along(path, np.array([42.0]))
-    h = 1e-5 * RADIUS
-    start, slope = on_arc(0.0), (on_arc(h) - on_arc(0.0)) / h
-    expected = (ALPHA - start) / slope
-    found = move_places(surface, *at, ALPHA, RADIUS, "difference")
-    assert found.steps == 1
-    assert found.moved[0] == pytest.approx(expected, rel=1e-7)
-    assert found.angle[0] == pytest.approx(on_arc(expected), abs=1e-8)
-    # 24.5 % below, by the triangle alone.
-    assert on_arc(expected) / ALPHA - 1 == pytest.approx(-0.2453, abs=5e-5)
-
-    # In c = 1 + (p^2 - 37.41) / (10 p), p = 3 + x, the step falls short by 1.5 % of the angle.
-    path_radius, rest = WALL - RADIUS, (WALL - DEPTH) ** 2 - RADIUS**2
-    ratio = 1 + (path_radius**2 - rest) / (10 * path_radius)
-    step = (1 - math.cos(ALPHA) - ratio) / ((1 + rest / path_radius**2) / 10)
-    one = move_places(surface, *at, ALPHA, RADIUS, "ratio", steps=1)
-    assert one.moved[0] == pytest.approx(step, rel=1e-9)
-    assert on_arc(step) / ALPHA - 1 == pytest.approx(-0.0146, abs=5e-5)
-    assert one.angle[0] == pytest.approx(on_arc(step), abs=1e-9)
-
-
-def test_one_step_in_the_radial_depth():
-    """What the step misses when not the tool but the stock before it is moved: 22 and 0.33 %."""
-
-    def angle(depth):
-        return float(engagement_angle_constant_curvature(depth, RADIUS, 1 / WALL))
-
-    # c = a (2 - a / 8) / 3.75.
-    slope = (2 - DEPTH / 4) / 3.75
-    in_angle = DEPTH + (ALPHA - angle(DEPTH)) * math.sin(angle(DEPTH)) / slope
-    in_ratio = DEPTH + (math.cos(angle(DEPTH)) - math.cos(ALPHA)) / slope
-    assert angle(in_angle) / ALPHA - 1 == pytest.approx(-0.22, abs=5e-3)
-    assert angle(in_ratio) / ALPHA - 1 == pytest.approx(-0.0033, abs=5e-5)
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_places_without_a_solution_are_not_converged(method):
-    surface = Surface([open_path((60, 0.0), start=(-30.0, 0.0))])
-    # In reach from air; out of reach; far from everything; deep in the stock; at the wall's end.
-    heights = np.array([RADIUS + 0.5, RADIUS + 4.0, 500.0, -3 * RADIUS, RADIUS])
-    centres = np.column_stack([[0.0, 0.0, 0.0, 0.0, -60.0], heights])
-    found = move_places(surface, centres, np.tile([1.0, 0.0], (5, 1)), ALPHA, RADIUS, method)
-    for field in (found.moved, found.angle):
-        assert np.all(np.isfinite(field))
-    assert np.all(np.abs(found.moved) <= 0.5 * RADIUS + 1e-12)
-    assert not np.any(found.converged[1:])
-    if method == "ratio":
-        # c is linear in the distance on a line, on and off the stock: one step, and one to see it.
-        assert found.converged[0]
-        assert found.moved[0] == pytest.approx(0.5 + DEPTH, abs=1e-12)
-
-
-def test_lift_off_and_slot_are_left_in_c():
-    surface = Surface([open_path((60, 0.0), start=(-30.0, 0.0))])
-    heights = np.array([RADIUS + 1e-9, RADIUS, -RADIUS, -RADIUS + 1e-9, 0.0])
-    centres = np.column_stack([np.zeros(5), heights])
-    found = move_places(
-        surface, centres, np.tile([1.0, 0.0], (5, 1)), ALPHA, RADIUS, reach=3 * RADIUS
-    )
-    assert np.all(found.converged) and found.steps <= 3
-    np.testing.assert_allclose(found.moved, heights - RADIUS * math.cos(ALPHA), atol=1e-9)
-
-
 def test_errors():
     _, surface = pocket()
-    with pytest.raises(InputError, match="method is 'newton': choose one of ratio, angle"):
-        move_places(surface, np.zeros((1, 2)), np.ones((1, 2)), ALPHA, RADIUS, "newton")
     for angle in (0.0, math.pi, -1.0):
         with pytest.raises(InputError, match="must be between 0 and 180"):
             forward_pass(surface, angle, RADIUS)
