@@ -18,6 +18,8 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
+import shapely
+from shapely import MultiLineString, MultiPoint
 
 from procmodel.engagement.angle import require_target
 from procmodel.engagement.contour import Contour, from_segments
@@ -34,6 +36,8 @@ from procmodel.engagement.segments import (
 from procmodel.engagement.surface import Surface, cleared_by
 from procmodel.errors import InputError
 
+# Of the polyline [mm] on which crossings are looked for.
+_FLATTENED = 1e-4
 # A turn below this is the rounding of a smooth path.
 _SMOOTH = 1e-9
 
@@ -157,13 +161,41 @@ def previous_pass(
     """
     r2 = radius if previous_radius is None else previous_radius
     wanted = [wanted_surface(path, angle, radius) for path in paths]
-    before = offset(wanted, r2)
+    try:
+        before = offset(wanted, r2)
+        cleared = cleared_by(before, r2)
+    except InputError as error:
+        raise _explained(error, wanted, angle) from None
     if not before:
         raise InputError(
             f"a previous tool of radius {r2:g} mm finds no room inside the pass: take fewer "
             "passes, a smaller radial depth or a smaller previous tool."
         )
-    return BackwardPass(wanted, before, Surface(cleared_by(before, r2)), r2)
+    return BackwardPass(wanted, before, Surface(cleared), r2)
+
+
+def _explained(error: InputError, wanted: Sequence[Contour], angle: float) -> InputError:
+    """Why a parallel curve of the wanted surfaces was not found: most often they cross themselves.
+
+    What lies beyond a crossing would have to be cut deeper than the engagement allows.
+    """
+    lines = []
+    for surface in wanted:
+        points = surface.flattened(_FLATTENED)
+        lines.append(np.append(points, points[:1], axis=0) if surface.closed else points)
+    drawn = MultiLineString(lines)
+    if drawn.is_simple:
+        return error
+    pieces = [np.asarray(piece.coords) for piece in shapely.node(drawn).geoms]
+    ends = np.concatenate([piece[[0, -1]] for piece in pieces])
+    begins = MultiPoint(np.concatenate([line[[0, -1]] for line in lines]))
+    away = shapely.distance(shapely.points(ends), begins)
+    x, y = ends[np.argmax(away)]
+    return InputError(
+        f"the surface that would hold {np.degrees(angle):.4g} degrees all along crosses or touches "
+        f"itself near ({x:.6g}, {y:.6g}) and leaves no room there for the pass before it: "
+        "take a smaller radial depth or target angle, fewer passes, or a smaller tool."
+    )
 
 
 def _turning(
