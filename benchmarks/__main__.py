@@ -18,6 +18,7 @@ PARTS = {
     "process": ("benchmarks.process", "The command as a whole process"),
     "plan": ("benchmarks.plan", "Feed schedules"),
     "path": ("benchmarks.engagement", "Engagement and corrected paths"),
+    "chatter": ("benchmarks.chatter", "Chatter"),
     "many": ("benchmarks.many", "Ten thousand small fits"),
     "sampling": ("benchmarks.sampling", "Effective draws per second"),
     "first": ("benchmarks.first_result", "The first posterior of a process"),

@@ -24,6 +24,11 @@ class Sizes:
     path_repeats: int
     path_places: tuple[int, ...]
     path_pieces: tuple[int, ...]
+    chatter_seconds: float
+    chatter_repeats: int
+    chatter_recordings: tuple[float, ...]
+    chatter_blocks: int
+    chatter_hours: int
 
 
 FULL = Sizes(
@@ -44,6 +49,11 @@ FULL = Sizes(
     path_repeats=7,
     path_places=(10_000, 100_000, 1_000_000),
     path_pieces=(100, 1000, 10_000),
+    chatter_seconds=160.0,
+    chatter_repeats=5,
+    chatter_recordings=(10.0, 100.0, 400.0),
+    chatter_blocks=5000,
+    chatter_hours=8,
 )
 
 # For trying the parts out: the figures mean nothing.
@@ -65,4 +75,9 @@ QUICK = Sizes(
     path_repeats=2,
     path_places=(1000, 10_000),
     path_pieces=(100, 1000),
+    chatter_seconds=8.0,
+    chatter_repeats=2,
+    chatter_recordings=(2.0, 10.0),
+    chatter_blocks=200,
+    chatter_hours=1,
 )
