@@ -9,6 +9,10 @@ from typer.exceptions import TyperException
 from typer.main import get_command
 
 from calibration.cli import (
+    chatter_baseline,
+    chatter_detect,
+    chatter_simulate,
+    chatter_watch,
     console,
     fit_model,
     force_fit,
@@ -56,6 +60,15 @@ path_app = typer.Typer(
 app.add_typer(path_app, name="path")
 path_app.command("check")(path_check.check_command)
 path_app.command("correct")(path_correct.correct_command)
+chatter_app = typer.Typer(
+    help="Milling: chatter in recorded vibration, found against air cutting.",
+    no_args_is_help=True,
+)
+app.add_typer(chatter_app, name="chatter")
+chatter_app.command("baseline")(chatter_baseline.baseline_command)
+chatter_app.command("detect")(chatter_detect.detect_command)
+chatter_app.command("watch")(chatter_watch.watch_command)
+chatter_app.command("simulate")(chatter_simulate.simulate_command)
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -96,6 +96,25 @@ class Surface:
         """
         return self.index.tables(centres, radius, margin, _CHUNK)
 
+    def near(self, centres: np.ndarray, radius: float, margin: float = 0.0) -> np.ndarray:
+        """One table of the segments near a few places, for laws that are to be differentiated.
+
+        Parameters
+        ----------
+        centres, radius, margin
+            As for `windows`.
+
+        Returns
+        -------
+        ndarray of int, shape (n, k)
+            Numbers of segments, filled up with -1.
+        """
+        groups = self.windows(centres, radius, margin)
+        table = np.full((len(centres), max(found.shape[1] for _, found in groups)), -1)
+        for chosen, found in groups:
+            table[chosen, : found.shape[1]] = found
+        return table
+
     def in_stock(self, points: np.ndarray) -> np.ndarray:
         """Whether points lie in the stock; on the boundary itself either may be said.
 
