@@ -69,6 +69,8 @@ def arguments_of_job(path: Path, root: Any) -> list[str]:
             options += _flag(path, key, value, parameter)
         elif getattr(parameter, "is_flag", False):
             raise InputError(f"{path.name}: key {key!r} is a switch: write true or false.")
+        elif getattr(parameter, "nargs", 1) > 1:
+            options += [parameter.opts[0], *texts]
         else:
             options += [part for text in texts for part in (parameter.opts[0], text)]
     return [*words, *options, "--", *positional] if positional else [*words, *options]
