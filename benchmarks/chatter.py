@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import scipy.fft
 
-from benchmarks import measure
+from benchmarks import chatter_plant, measure
 from benchmarks.report import Section
 from benchmarks.sizes import Sizes
 from procmodel.chatter import (
@@ -37,6 +37,7 @@ def run(section: Section, sizes: Sizes) -> None:
     _recordings(section, sizes)
     _stream(section, sizes)
     _replay(section, sizes)
+    chatter_plant.run(section, sizes)
 
 
 def vibration(rate: float, seconds: float, channels: int, lines: float, seed: int) -> np.ndarray:

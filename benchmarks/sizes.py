@@ -29,6 +29,7 @@ class Sizes:
     chatter_recordings: tuple[float, ...]
     chatter_blocks: int
     chatter_hours: int
+    plant_seconds: float
 
 
 FULL = Sizes(
@@ -54,6 +55,7 @@ FULL = Sizes(
     chatter_recordings=(10.0, 100.0, 400.0),
     chatter_blocks=5000,
     chatter_hours=8,
+    plant_seconds=2.0,
 )
 
 # For trying the parts out: the figures mean nothing.
@@ -80,4 +82,5 @@ QUICK = Sizes(
     chatter_recordings=(2.0, 10.0),
     chatter_blocks=200,
     chatter_hours=1,
+    plant_seconds=0.5,
 )
