@@ -14,6 +14,9 @@ from calibration.cli import (
     chatter_simulate,
     chatter_watch,
     console,
+    electrode_gap,
+    electrode_path,
+    electrode_predict,
     fit_model,
     force_fit,
     path_check,
@@ -69,6 +72,14 @@ chatter_app.command("baseline")(chatter_baseline.baseline_command)
 chatter_app.command("detect")(chatter_detect.detect_command)
 chatter_app.command("watch")(chatter_watch.watch_command)
 chatter_app.command("simulate")(chatter_simulate.simulate_command)
+electrode_app = typer.Typer(
+    help="Micro-electrodes ground by a wire: its path, the discharge gap, the size to expect.",
+    no_args_is_help=True,
+)
+app.add_typer(electrode_app, name="electrode")
+electrode_app.command("path")(electrode_path.path_command)
+electrode_app.command("gap")(electrode_gap.gap_command)
+electrode_app.command("predict")(electrode_predict.predict_command)
 
 
 def main(arguments: list[str] | None = None) -> None:

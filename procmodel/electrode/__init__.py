@@ -1,0 +1,95 @@
+"""Micro-electrodes shaped by wire electro-discharge grinding (Guo, Pei, Yu and Li).
+
+Lengths in um, areas in um^2, angles in rad, times in s.
+"""
+
+from procmodel.electrode.feed import FeedProfile, feed_along, travel_time
+from procmodel.electrode.grinding import (
+    dimensions_with_gap,
+    ground_radius,
+    index_angles,
+    least_hollow_radius,
+    radius_after_passes,
+    section_area,
+    wire_path,
+    with_leads,
+)
+from procmodel.electrode.interpolation import (
+    arc_points,
+    arc_steps,
+    arc_through,
+    axis_speeds,
+    chord_error,
+    interpolate_arc,
+    interpolate_helix,
+    interpolate_line,
+    interpolate_space_arc,
+    line_points,
+    line_steps,
+    step_angle,
+    step_for_tolerance,
+)
+from procmodel.electrode.profile import (
+    Arc,
+    Line,
+    Profile,
+    chain,
+    cone_frustum,
+    curved,
+    from_bulges,
+    parallel,
+    radius_at,
+    square_frustum,
+)
+from procmodel.electrode.profile_steps import deviations, interpolate_profile
+from procmodel.electrode.size import (
+    finished_diameter,
+    finished_radius,
+    path_radius,
+    rectangle_area,
+    round_area,
+)
+
+__all__ = [
+    "Arc",
+    "FeedProfile",
+    "Line",
+    "Profile",
+    "arc_points",
+    "arc_steps",
+    "arc_through",
+    "axis_speeds",
+    "chain",
+    "chord_error",
+    "cone_frustum",
+    "curved",
+    "deviations",
+    "dimensions_with_gap",
+    "feed_along",
+    "finished_diameter",
+    "finished_radius",
+    "from_bulges",
+    "ground_radius",
+    "index_angles",
+    "interpolate_arc",
+    "interpolate_helix",
+    "interpolate_line",
+    "interpolate_profile",
+    "interpolate_space_arc",
+    "least_hollow_radius",
+    "line_points",
+    "line_steps",
+    "parallel",
+    "path_radius",
+    "radius_after_passes",
+    "radius_at",
+    "rectangle_area",
+    "round_area",
+    "section_area",
+    "square_frustum",
+    "step_angle",
+    "step_for_tolerance",
+    "travel_time",
+    "wire_path",
+    "with_leads",
+]
