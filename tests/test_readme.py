@@ -30,7 +30,7 @@ def measured(tmp_path):
     return tmp_path
 
 
-SCRIPTS = ("plan", "own model", "many fits", "derivative", "tool path", "chatter")
+SCRIPTS = ("plan", "own model", "many fits", "derivative", "tool path", "chatter", "electrode")
 
 
 def test_every_script_is_known():
