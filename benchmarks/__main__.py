@@ -19,6 +19,7 @@ PARTS = {
     "plan": ("benchmarks.plan", "Feed schedules"),
     "path": ("benchmarks.engagement", "Engagement and corrected paths"),
     "chatter": ("benchmarks.chatter", "Chatter"),
+    "electrode": ("benchmarks.electrode", "Paths of electrodes"),
     "many": ("benchmarks.many", "Ten thousand small fits"),
     "sampling": ("benchmarks.sampling", "Effective draws per second"),
     "first": ("benchmarks.first_result", "The first posterior of a process"),

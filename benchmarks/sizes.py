@@ -29,6 +29,8 @@ class Sizes:
     chatter_recordings: tuple[float, ...]
     chatter_blocks: int
     chatter_hours: int
+    electrode_steps: int
+    electrode_repeats: int
     plant_seconds: float
 
 
@@ -55,6 +57,8 @@ FULL = Sizes(
     chatter_recordings=(10.0, 100.0, 400.0),
     chatter_blocks=5000,
     chatter_hours=8,
+    electrode_steps=1_000_000,
+    electrode_repeats=9,
     plant_seconds=2.0,
 )
 
@@ -82,5 +86,7 @@ QUICK = Sizes(
     chatter_recordings=(2.0, 10.0),
     chatter_blocks=200,
     chatter_hours=1,
+    electrode_steps=10_000,
+    electrode_repeats=3,
     plant_seconds=0.5,
 )

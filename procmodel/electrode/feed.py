@@ -12,6 +12,9 @@ from numpy.typing import ArrayLike
 from procmodel.electrode.checks import not_negative, positive
 from procmodel.errors import InputError
 
+# A step of less does not move [um].
+_STANDS = 1e-9
+
 
 @dataclass(frozen=True)
 class FeedProfile:
@@ -97,27 +100,37 @@ def feed_along(points: ArrayLike, feed: float, acceleration: float) -> FeedProfi
     if not np.all(np.isfinite(path)):
         row = int(np.argmax(~np.all(np.isfinite(path), axis=1)))
         raise InputError(f"position {row + 1} of the path is not finite: correct it.")
-    moves = np.diff(path, axis=0)
+    kept, last_kept = _moving(path)
+    moves = np.diff(path[kept], axis=0)
     steps = np.sqrt(np.sum(moves**2, axis=1))
     way = np.concatenate([[0.0], np.cumsum(steps)])
     # In the square of the speed the limit of acceleration is a slope of 2 a along the way, so that
     # the greatest speed under it is reached by one sweep forwards and one backwards.
-    square = np.concatenate([[0.0], _cornering(moves, steps, a, top), [0.0]])
+    square = np.zeros(len(kept))
+    square[1:-1] = _cornering(moves, steps, a, top)
     square = np.minimum.accumulate(square - 2.0 * a * way) + 2.0 * a * way
     square = np.minimum.accumulate((square + 2.0 * a * way)[::-1])[::-1] - 2.0 * a * way
     speed = np.sqrt(np.maximum(square, 0.0))
-    return FeedProfile(way, speed, np.concatenate([[0.0], np.cumsum(_times(steps, speed, a, top))]))
+    time = np.concatenate([[0.0], np.cumsum(_times(steps, speed, a, top))])
+    return FeedProfile(way[last_kept], speed[last_kept], time[last_kept])
+
+
+def _moving(path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers of the positions that differ from the one before, and of each the last of them.
+
+    A position that stands twice must not hide the corner at it.
+    """
+    steps = np.sqrt(np.sum(np.diff(path, axis=0) ** 2, axis=1))
+    moves = np.append(True, steps > _STANDS)
+    return np.flatnonzero(moves), np.cumsum(moves) - 1
 
 
 def _cornering(moves: np.ndarray, steps: np.ndarray, a: float, top: float) -> np.ndarray:
     """Square of the speed allowed at the inner positions."""
-    lengths = np.where(steps > 0.0, steps, 1.0)
-    along = moves / lengths[:, None]
+    along = moves / steps[:, None]
     # tan(turn / 2) of two unit vectors is the length of their difference over that of their sum.
     apart = np.sqrt(np.sum((along[1:] - along[:-1]) ** 2, axis=1))
     together = np.sqrt(np.sum((along[1:] + along[:-1]) ** 2, axis=1))
-    moving = (steps[1:] > 0.0) & (steps[:-1] > 0.0)
-    apart = np.where(moving, apart, 0.0)
     mean = 0.5 * (steps[1:] + steps[:-1])
     allowed = np.full(len(apart), top**2)
     turning = apart > 1e-12
@@ -132,4 +145,4 @@ def _times(steps: np.ndarray, speed: np.ndarray, a: float, top: float) -> np.nda
     both = speed[1:] + speed[:-1]
     even = np.divide(2.0 * steps, both, out=np.zeros_like(steps), where=both > 0.0)
     alone = np.where(steps * a >= top**2, steps / top + top / a, 2.0 * np.sqrt(steps / a))
-    return np.where((both <= 0.0) & (steps > 0.0), alone, even)
+    return np.where(both > 0.0, even, alone)

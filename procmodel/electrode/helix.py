@@ -161,9 +161,10 @@ def _helix_step_angle(radius: float, pitch: float, step: float) -> float:
     def too_long(theta: float) -> bool:
         return math.hypot(2.0 * radius * math.sin(0.5 * theta), pitch * theta) > step
 
+    # A chord is shorter than its arc, and grows with the angle up to half a turn.
     low, high = step / math.hypot(radius, pitch), math.pi
-    if low >= high or not too_long(high):
-        return high if low >= high and not too_long(high) else min(low, high)
+    if not too_long(high):
+        return high
     while True:
         middle = 0.5 * (low + high)
         if not low < middle < high:

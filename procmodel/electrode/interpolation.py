@@ -103,7 +103,7 @@ def interpolate_line(
     length = math.hypot(*along)
     count, _ = line_steps(length, dl)
     points = np.empty((count + 1, len(first)))
-    fill_line(points, first, along * (dl / length) if length > 0.0 else along, grid)
+    fill_line(points, first, along / length * dl if length > 0.0 else along, grid)
     points[0], points[-1] = rounded(first, grid), rounded(last, grid)
     return points
 

@@ -46,7 +46,7 @@ def line_steps(length: float, step: float) -> tuple[int, float]:
     dl, total = positive("the step", step), number("the length", length)
     if total < 0.0:
         raise InputError(f"the length is {total:g} um, but must be 0 or more.")
-    count = step_count(total / dl)
+    count = step_count(total / dl) or int(total > 0.0)
     return count, total - max(count - 1, 0) * dl
 
 
@@ -98,7 +98,7 @@ def arc_steps(radius: float, sweep: float, step: float) -> tuple[int, float]:
         As `line_steps`.
     """
     theta, turn = step_angle(radius, step), abs(number("the sweep", sweep, "rad"))
-    count = step_count(turn / theta)
+    count = step_count(turn / theta) or int(turn > 0.0)
     return count, turn - max(count - 1, 0) * theta
 
 

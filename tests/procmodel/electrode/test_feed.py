@@ -7,7 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procmodel.electrode import feed_along, interpolate_arc, interpolate_line, travel_time
+from procmodel.electrode import (
+    FeedProfile,
+    feed_along,
+    interpolate_arc,
+    interpolate_line,
+    travel_time,
+)
 from procmodel.errors import InputError
 
 
@@ -45,32 +51,44 @@ def test_a_path_that_turns_back_stops_there():
     found = feed_along(points, 10.0, 50.0)
     assert found.speed[2] == 0.0
     assert found.duration == pytest.approx(2.0 * travel_time(2.0, 10.0, 50.0), rel=1e-12)
+    twice = feed_along(points[[0, 1, 2, 2, 3, 4]], 10.0, 50.0)
+    assert twice.duration == pytest.approx(found.duration)
+    assert feed_along(points[[1, 1, 1]], 10.0, 50.0).duration == 0.0
     zigzag = feed_along(points[[0, 1, 0, 1]], 10.0, 50.0)
     assert zigzag.duration == pytest.approx(3.0 * travel_time(1.0, 10.0, 50.0))
 
 
+# Coarse, so that positions repeat and paths turn straight back.
+tenth = st.integers(-90, 90).map(lambda n: n / 10)
+
+
 @given(
-    st.lists(st.tuples(st.floats(-9, 9), st.floats(-9, 9)), min_size=2, max_size=25),
+    st.lists(st.tuples(tenth, tenth), min_size=2, max_size=25),
     st.floats(0.5, 50.0), st.floats(1.0, 500.0),
 )  # fmt: skip
 def test_limits_hold_and_are_used(points, feed, acceleration):
-    points = np.array(points)
-    found = feed_along(points, feed, acceleration)
+    given_points = np.array(points)
+    found = feed_along(given_points, feed, acceleration)
+    # A position that stands twice changes nothing.
+    kept = [0] + [i for i in range(1, len(points)) if points[i] != points[i - 1]]
+    points = given_points[kept]
     moves = np.diff(points, axis=0)
     steps = np.hypot(*moves.T)
+    repeated = np.delete(np.arange(len(found.way)), kept)
+    np.testing.assert_array_equal(found.time[repeated], found.time[repeated - 1])
+    found = FeedProfile(found.way[kept], found.speed[kept], found.time[kept])
     change = np.abs(np.diff(found.speed**2))
     slack = 1e-9 * (feed**2 + acceleration * 500.0)
     assert np.all(change <= 2.0 * acceleration * steps + slack)
     allowed = np.full(len(points), feed**2)
     allowed[[0, -1]] = 0.0
     for i in range(1, len(points) - 1):
-        if steps[i - 1] > 0.0 and steps[i] > 0.0:
-            a, b = moves[i - 1], moves[i]
-            turn = abs(math.atan2(a[0] * b[1] - a[1] * b[0], a @ b))
-            if turn > 1e-9:
-                mean = 0.5 * (steps[i - 1] + steps[i])
-                radius = mean / (2.0 * math.tan(0.5 * turn))
-                allowed[i] = min(feed**2, acceleration * max(radius, 0.0))
+        a, b = moves[i - 1], moves[i]
+        turn = abs(math.atan2(a[0] * b[1] - a[1] * b[0], a @ b))
+        if turn > 1e-9:
+            mean = 0.5 * (steps[i - 1] + steps[i])
+            radius = mean / (2.0 * math.tan(0.5 * turn))
+            allowed[i] = min(feed**2, acceleration * max(radius, 0.0))
     assert np.all(found.speed**2 <= allowed + slack)
     # Nothing faster is allowed: at every position a limit or a neighbour holds the speed.
     square = found.speed**2

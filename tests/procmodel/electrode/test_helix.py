@@ -39,6 +39,13 @@ def test_any_helix(radius, sweep, rise, step):
         np.testing.assert_allclose(np.diff(local[:-1, 2]), local[1, 2], atol=1e-9)
 
 
+def test_a_step_that_reaches_across_the_circle_is_half_a_turn():
+    points = interpolate_helix((0, 0, 0), 1.0, 0.0, 3.0, 1.0, 3.0)
+    np.testing.assert_allclose(points, [[1, 0, 0], [math.cos(3.0), math.sin(3.0), 1.0]])
+    turn = interpolate_helix((0, 0, 0), 1.0, 0.0, 2.0 * math.pi, 1.0, 3.0)
+    np.testing.assert_allclose(turn, [[1, 0, 0], [-1, 0, 0.5], [1, 0, 1.0]], atol=1e-12)
+
+
 def test_length_of_a_helix():
     points = interpolate_helix((0, 0, 0), 50.0, 0.0, 6.0 * math.pi, 90.0, 0.3)
     length = 6.0 * math.pi * math.hypot(50.0, 90.0 / (6.0 * math.pi))

@@ -194,6 +194,11 @@ def test_nothing_to_move_is_one_position():
     assert line_steps(0.0, 0.3) == (0, 0.0)
 
 
+def test_the_shortest_line_there_is_has_both_its_ends():
+    points = interpolate_line((0.0, 0.0), (0.0, 5e-324), 2.0)
+    np.testing.assert_array_equal(points, [[0.0, 0.0], [0.0, 5e-324]])
+
+
 def test_a_circle_smaller_than_the_step():
     points = interpolate_arc((0.0, 0.0), 0.1, 0.0, 2.0 * math.pi, 0.3)
     np.testing.assert_allclose(points, [[0.1, 0.0], [-0.1, 0.0], [0.1, 0.0]], atol=1e-15)
