@@ -308,8 +308,13 @@ def _scored(
     windowing = detector.settings.windowing
     seen = detect(detector, record.samples).observations
     cutting = np.array([o.engagement == CUTTING and not o.fault for o in seen], bool)
+    cutting = _within(cutting, -(-windowing.length // windowing.step) + 1)
     if averaged > 1:
-        scores = [o.averaged for o in seen if o.averaged is not None and o.engagement == CUTTING]
+        scores = [
+            o.averaged
+            for o, cuts in zip(seen, cutting, strict=True)
+            if cuts and o.averaged is not None
+        ]
     else:
         scores = [o.score for o, cuts in zip(seen, cutting, strict=True) if cuts]
     if not len(scores):
@@ -339,6 +344,17 @@ def _scored(
         distances,
         frequencies,
     )
+
+
+def _within(cutting: np.ndarray, reach: int) -> np.ndarray:
+    """Cutting windows without the last ones before an exit, which are partly of the air behind it.
+
+    A cut so short that none would be left keeps all of them.
+    """
+    kept = cutting.copy()
+    for end in np.flatnonzero(cutting[:-1] & ~cutting[1:]):
+        kept[max(0, end + 1 - reach) : end + 1] = False
+    return kept if kept.any() else cutting
 
 
 def _distances(windows: np.ndarray, detector: Detector) -> np.ndarray:

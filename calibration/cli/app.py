@@ -12,6 +12,7 @@ from calibration.cli import (
     chatter_baseline,
     chatter_detect,
     chatter_simulate,
+    chatter_tune,
     chatter_watch,
     console,
     electrode_gap,
@@ -70,6 +71,7 @@ chatter_app = typer.Typer(
 app.add_typer(chatter_app, name="chatter")
 chatter_app.command("baseline")(chatter_baseline.baseline_command)
 chatter_app.command("detect")(chatter_detect.detect_command)
+chatter_app.command("tune")(chatter_tune.tune)
 chatter_app.command("watch")(chatter_watch.watch_command)
 chatter_app.command("simulate")(chatter_simulate.simulate_command)
 electrode_app = typer.Typer(

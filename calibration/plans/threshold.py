@@ -33,6 +33,8 @@ from procmodel.chatter import CHATTER, MARGINAL, STABLE
 LOW, HIGH = 0.05, 0.95
 # Cuts of a label below which a tool is said to have few, and false alarms per hour that are many.
 _FEW_CUTS, _MANY_ALARMS = 3, 60.0
+# A share of chattering cuts found below which a threshold is said to be of little use.
+_SELDOM = 0.5
 
 
 @dataclass(frozen=True)
