@@ -36,8 +36,8 @@ from procmodel.engagement.segments import (
 from procmodel.engagement.surface import Surface, cleared_by
 from procmodel.errors import InputError
 
-# Of the polyline [mm] on which crossings are looked for.
-_FLATTENED = 1e-4
+# Of the polylines [mm] on which crossings are looked for, and then touches.
+_FLATTENED = (1e-4, 1e-2)
 # A turn below this is the rounding of a smooth path.
 _SMOOTH = 1e-9
 
@@ -179,12 +179,15 @@ def _explained(error: InputError, wanted: Sequence[Contour], angle: float) -> In
 
     What lies beyond a crossing would have to be cut deeper than the engagement allows.
     """
-    lines = []
-    for surface in wanted:
-        points = surface.flattened(_FLATTENED)
-        lines.append(np.append(points, points[:1], axis=0) if surface.closed else points)
-    drawn = MultiLineString(lines)
-    if drawn.is_simple:
+    for tolerance in _FLATTENED:
+        lines = []
+        for surface in wanted:
+            points = surface.flattened(tolerance)
+            lines.append(np.append(points, points[:1], axis=0) if surface.closed else points)
+        drawn = MultiLineString(lines)
+        if not drawn.is_simple:
+            break
+    else:
         return error
     pieces = [np.asarray(piece.coords) for piece in shapely.node(drawn).geoms]
     ends = np.concatenate([piece[[0, -1]] for piece in pieces])
