@@ -10,13 +10,12 @@ sensors see the feed direction, as in the paper. SI units; spindle speeds as rot
 
 Chosen:
 
-- stiffness 8e4 N/m of the shorter tool, that of a carbide beam of 2 mm and 25 mm within a tenth;
-  of the longer one (25/35)^3 of it;
+- stiffness 8e4 N/m of the shorter tool, about that of a carbide beam of 2 mm and 25 mm; of the
+  longer one (25/35)^3 of it;
 - tangential coefficient 2.9e9 N/m^2: only its product with the width matters;
 - damping by the process: every tooth in the cut brakes the motion by C b / v, b its width and v the
   cutting speed. It is taken as its mean over a revolution and both directions, a damping ratio that
-  falls with the speed. Without it no tool is stable at all the low speeds and chatters at all the
-  high ones.
+  falls with the speed. Without it the fitted tool chatters at low speeds as well.
 
 Fitted, for nothing else tells them:
 
@@ -45,21 +44,18 @@ RATE, LENGTH, BAND = 25600.0, 4096, (500.0, 8500.0)
 SENSORS = ("displacement", "acceleration")
 SWEEP = tuple(1000.0 * n for n in range(6, 29, 2))
 OVERRIDES = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5)
+_GAIN = (6.2e-3, 2.93e-5)
 
 
 @dataclass(frozen=True)
 class Paper:
-    """What the paper reports; speeds in 1/min, powers in um^2 and (m/s^2)^2."""
+    """What the paper reports of distances, both sensors, and of speeds [1/min]."""
 
-    chatter_from: float = 18000.0
-    chatter_frequency: float = 3850.0
-    power: tuple[float, float] = (0.00192, 0.0154)
     worst_good: tuple[float, float] = (23.27, 13.64)
     least_bad: tuple[float, float] = (71.07, 30.58)
     worst_good_at: tuple[float, float] = (8000.0, 6000.0)
     least_bad_at: tuple[float, float] = (22000.0, 20000.0)
     ratio: tuple[float, float] = (3.05, 2.24)
-    start: float = 15000.0
     reached: tuple[tuple[int, float], ...] = ((85, 7500.0), (60, 13500.0))
 
 
@@ -79,9 +75,9 @@ class Noise:
         Of a force on the tip, in air as well; chosen small.
     """
 
-    displacement: float = 8.5e-8
-    acceleration: float = 0.425
-    hardness: float = 3e-3
+    displacement: float = 1.35e-7
+    acceleration: float = 0.63
+    hardness: float = 4.4e-3
     force: float = 1e-5
 
 
@@ -124,7 +120,7 @@ class Mill:
     process: float = 2.32e5
     tangential: float = 2.9e9
     normal: float = 0.217
-    gain: tuple[float, float] = (5.3e-3, 2.5e-5)
+    gain: tuple[float, float] = _GAIN
     noise: Noise = field(default_factory=Noise)
 
     @property
@@ -156,14 +152,14 @@ class Mill:
         return self._pair(self.damping_at(rotation))
 
     def _pair(self, ratio: float) -> Modes:
-        each = [self.frequency] * 2, [ratio] * 2, [self.mass] * 2
-        return Modes(*each, [[1.0, 0.0], [0.0, 1.0]])
+        two = np.ones(2)
+        return Modes(self.frequency * two, ratio * two, self.mass * two, np.eye(2))
 
     def plant(
         self, speeds: tuple[float, float], sampling: Sampling, *, acceleration: bool = True
     ) -> Plant:
         """The simulated mill in air, between two speeds, with or without the second sensor."""
-        seen = [[self.gain[1], 0.0]] if acceleration else np.zeros((0, 2))
+        seen = np.array([[self.gain[1], 0.0]] if acceleration else np.zeros((0, 2)))
         noise = ProcessNoise(self.noise.hardness, self.noise.force)
         return Plant(
             self._pair(self.damping),
@@ -171,7 +167,7 @@ class Mill:
             step=sampling.step,
             slowest=speeds[0],
             fastest=speeds[1],
-            sensors=Sensors([[self.gain[0], 0.0]], seen),
+            sensors=Sensors(np.array([[self.gain[0], 0.0]]), seen),
             noise=noise,
             revolutions=3,
         )
@@ -188,7 +184,7 @@ _LONGER: dict[str, Any] = {
     "stiffness": _SOFTER * 8e4,
     "feed": 1e-4,
     # The holder moves with the force: less for the same motion of a softer tip.
-    "gain": (_SOFTER * 5.3e-3, _SOFTER * 2.5e-5),
+    "gain": (_SOFTER * _GAIN[0], _SOFTER * _GAIN[1]),
 }
 LONG_60 = Mill(width=1.2e-5, immersion=0.23, **_LONGER)
 LONG_85 = Mill(width=0.7e-5, immersion=0.8, **_LONGER)

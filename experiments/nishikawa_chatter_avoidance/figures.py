@@ -87,7 +87,7 @@ def _distance_panel(axes: Axes, sweep: Sweep, sensor: int) -> None:
 
 
 def _bars(sweep: Sweep, of: np.ndarray, sensor: int) -> np.ndarray:
-    """Standard deviation over windows, kept above the axis."""
+    """Standard deviation over repetitions, kept above the axis."""
     spread, at = sweep.spread[of, sensor], sweep.distance[of, sensor]
     return np.stack([np.minimum(spread, 0.6 * at), spread])
 

@@ -158,7 +158,7 @@ def _machine(rng: np.random.Generator, cuts: int, number: int) -> Machine:
     damping, process = rng.uniform(0.015, 0.03, 2), rng.uniform(0.0, 1.5)
     stiffness = rng.uniform(3e6, 8e6, 2)
     angle = rng.uniform(0.0, np.pi)
-    direction = [[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]
+    direction = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
     modes = Modes(frequency, damping, stiffness / (2.0 * np.pi * frequency) ** 2, direction)
     cutting = rng.uniform(6e8, 1.1e9)
     coefficients = CuttingCoefficients(cutting, rng.uniform(0.2, 0.5) * cutting)
@@ -167,7 +167,7 @@ def _machine(rng: np.random.Generator, cuts: int, number: int) -> Machine:
     scale = 2.0 * np.min(stiffness * damping) * (1.0 + process) / cutting
     plants, depths = [], []
     for _ in range(cuts):
-        start, leave = engaged_between(rng.uniform(0.15, 0.9), rng.choice(["down", "up"]))
+        start, leave = engaged_between(rng.uniform(0.15, 0.9), str(rng.choice(["down", "up"])))
         plants.append(
             Plant(
                 modes,

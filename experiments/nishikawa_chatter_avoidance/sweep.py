@@ -1,6 +1,7 @@
 """The paper's first experiment: one cut at every speed, distances of both sensors."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -48,11 +49,11 @@ class Sweep:
         Of a small vibration, by the stability lobes; positive where the cut chatters.
     distance : ndarray, shape (s, 2)
         Of displacement and acceleration: mean over the windows of the cut of the largest distance
-        in a window.
+        in a window; mean over the repetitions.
     spread : ndarray, shape (s, 2)
-        Standard deviation over the windows.
+        Standard deviation of that over the repetitions.
     frequency : ndarray, shape (s, 2) [Hz]
-        Of the largest distance, median over the windows.
+        Of the largest distance, median over the windows; mean over the repetitions.
     vibration : ndarray, shape (s,) [m]
         Root mean square displacement of the tip in the feed direction, less its mean.
     power : ndarray, shape (s, 2) [um^2, (m/s^2)^2]
@@ -96,9 +97,9 @@ def swept(
     mill: Mill = SHORT_60,
     speeds: tuple[float, ...] = SWEEP,
     windows: int = 13,
-    seed: int = 1,
+    repetitions: int = 4,
 ) -> Sweep:
-    """Air cutting and a cut at every speed.
+    """Air cutting and a cut at every speed, repeated with other noise.
 
     Parameters
     ----------
@@ -108,49 +109,63 @@ def swept(
         Spindle speeds.
     windows : int
         Windows of every cut; the paper's cuts of 100 mm last 2.1 to 10 s, 13 to 62 windows.
-    seed : int
-        Of all noise.
+    repetitions : int
+        How often all of it is done, 2 at least; the paper's was done once.
 
     Returns
     -------
     Sweep
         Of these.
     """
-    sampling, settings = mill.sampling(), papers_settings()
     rotation = np.array(speeds) / 60.0
-    plant = mill.plant(_RANGE, sampling)
+    plant = mill.plant(_RANGE, mill.sampling())
+    each = [_once(mill, plant, rotation, windows, seed) for seed in range(1, repetitions + 1)]
+    shown = int(np.argmin(np.abs(np.array(speeds) - 18000.0)))
+    distance = np.array([e.distance for e in each])
+    return Sweep(
+        mill,
+        np.array(speeds),
+        np.array([stability(mill.modes(r), *mill.law, r, mill.width).growth for r in rotation]),
+        distance.mean(axis=0),
+        distance.std(axis=0, ddof=1),
+        np.mean([e.frequency for e in each], axis=0),
+        np.mean([e.tips.std(axis=1) for e in each], axis=0),
+        np.mean([e.power for e in each], axis=0),
+        each[0].spectra[shown],
+    )
+
+
+class _Once(NamedTuple):
+    """One repetition, as in `Sweep`; `tips` displacements, `spectra` of all speeds."""
+
+    distance: np.ndarray
+    frequency: np.ndarray
+    power: np.ndarray
+    tips: np.ndarray
+    spectra: np.ndarray
+
+
+def _once(mill: Mill, plant: Plant, rotation: np.ndarray, windows: int, seed: int) -> _Once:
+    sampling, settings = mill.sampling(), papers_settings()
     # An override of the fastest speed stands for each of the others.
     spindle = Spindle(float(rotation.max()), 100.0)
     overrides = [float(r / spindle.rotation) for r in rotation]
     air = air_baselines(plant, sampling, settings.windowing, spindle, overrides, AIR_WINDOWS, seed)
     records, tips = _cuts(mill, plant, rotation, windows, seed + 1000)
     weights = taper(settings.windowing.taper, LENGTH, np)
-    found: dict[str, list] = {name: [] for name in ("distance", "spread", "frequency", "power")}
-    for override, record in zip(overrides, records, strict=True):
-        each = [
-            scores(record[:, [c]], _channel(air[override], c), settings)
-            for c in range(len(SENSORS))
-        ]
-        found["distance"].append([s.score.mean() for s in each])
-        found["spread"].append([s.score.std(ddof=1) for s in each])
-        found["frequency"].append([np.median(s.frequency) for s in each])
-        spectrum = power_spectra(windows_of(record, LENGTH, LENGTH), weights, np).mean(axis=0)
-        free = prepare(settings, _channel(air[override], 0)).free
-        at = int(np.argmax(np.where(free, spectrum[0], 0.0)))
-        found["power"].append(spectrum[:, at] * [1e12, 1.0])
-    shown = int(np.argmin(np.abs(np.array(speeds) - 18000.0)))
     units = np.array([1e12, 1.0])[:, None]
-    cutting = power_spectra(windows_of(records[shown], LENGTH, LENGTH), weights, np).mean(axis=0)
-    quiet = np.asarray(air[overrides[shown]].baseline.mean)
-    return Sweep(
-        mill,
-        np.array(speeds),
-        np.array([stability(mill.modes(r), *mill.law, r, mill.width).growth for r in rotation]),
-        *(np.array(found[name]) for name in ("distance", "spread", "frequency")),
-        tips.std(axis=1),
-        np.array(found["power"]),
-        np.stack([units * quiet, units * cutting], axis=1),
-    )
+    distance, frequency, power, spectra = [], [], [], []
+    for override, record in zip(overrides, records, strict=True):
+        alone = [_channel(air[override], c) for c in range(len(SENSORS))]
+        found = [scores(record[:, [c]], a, settings) for c, a in enumerate(alone)]
+        distance.append([f.score.mean() for f in found])
+        frequency.append([np.median(f.frequency) for f in found])
+        cut = units * power_spectra(windows_of(record, LENGTH, LENGTH), weights, np).mean(axis=0)
+        at = int(np.argmax(np.where(prepare(settings, alone[0]).free, cut[0], 0.0)))
+        power.append(cut[:, at])
+        quiet = units * np.asarray(air[override].baseline.mean)
+        spectra.append(np.stack([quiet, cut], axis=1))
+    return _Once(np.array(distance), np.array(frequency), np.array(power), tips, np.array(spectra))
 
 
 def _cuts(
