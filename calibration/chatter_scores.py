@@ -27,29 +27,19 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
 import xarray
-from jax import Array
 
-from calibration.chatter_arrays import (
-    CHATTER_COLUMN,
-    MARGINAL_COLUMN,
-    STABLE_COLUMN,
-    NullLaw,
-    arranged,
-    speeds_of,
-    tools_of,
-)
+from calibration.chatter_arrays import NullLaw, arranged, speeds_of, tools_of
 from calibration.chatter_cuts import CutScores
+from calibration.chatter_density import CutDensities, CutNoise, known_levels, what_windows_tell
 from calibration.fitting import fit
-from calibration.noise import Noise, StudentT
 from calibration.parameters import Parameter
-from calibration.priors import Beta, LogNormal, Prior
+from calibration.priors import Beta, LogNormal, Normal, Prior
 from calibration.problem import Dataset, Problem
 from calibration.progress import ProgressOption
 from calibration.sampling import sample
@@ -64,163 +54,6 @@ _USUAL_LEVEL, _LEVEL_SPREAD = math.log(10.0), 1.5
 _GAP, _GAP_SPREAD = 2.0, 1.5
 # Without a stable cut the law of noise stands for them; real cuts differ by about this much.
 _NULL_SPREAD = 0.5
-# What a cut without weight adds to its variance.
-_NO_WEIGHT = 1e8
-# Least information of the windows of a cut, as a share of what is expected.
-_LEAST_TOLD = 0.5
-_T = StudentT("freedom")
-
-
-@dataclass(frozen=True)
-class CutNoise(Noise):
-    """Log density of cuts and their windows, from what `CutDensities` gives.
-
-    Attributes
-    ----------
-    cuts : int
-        Number of cuts c.
-    """
-
-    cuts: int
-
-    @property
-    def takes(self) -> tuple[str, ...]:
-        """A number, which has no effect."""
-        return ("given",)
-
-    def log_likelihood(self, prediction: Array, y: Array, sigma: Array, values: Any) -> Array:
-        """Minus z^2 / 2, minus the log scales, and the log densities of windows."""
-        z, scale, windows = self._parts(prediction)
-        return jnp.concatenate([-0.5 * z**2, -scale, windows])
-
-    def rows(self, prediction: Array, y: Array, sigma: Array, values: Any) -> tuple[Array, ...]:
-        """Deviations z, log scales with their part of the information, and windows.
-
-        Of the windows J'J is the empirical information, the sum of squared derivatives.
-        """
-        z, scale, windows = self._parts(prediction)
-        fixed = jax.lax.stop_gradient
-        return (jnp.concatenate([z, scale - fixed(scale) + 1.0, windows - fixed(windows) - 1.0]),)
-
-    def draw(self, rng: Any, prediction: Any, sigma: Any, values: Any) -> np.ndarray:
-        """Not known here."""
-        raise InputError("scores of cuts are not simulated by their noise.")
-
-    def _parts(self, prediction: Array) -> tuple[Array, Array, Array]:
-        c = self.cuts
-        return prediction[:c], prediction[c : 2 * c], prediction[2 * c :]
-
-
-@dataclass(frozen=True)
-class CutDensities:
-    """What the log density of labelled cuts is made of, as a model.
-
-    Its parameters are those of `score_problem`, its x the arrays of `arranged`.
-    """
-
-    def __call__(self, params: Mapping[str, Array], x: Mapping[str, Array]) -> Array:
-        """Standardised deviations and log scales of c cuts, then log densities of windows."""
-        stable = x["share"][:, STABLE_COLUMN] > 0.0
-        told = what_windows_tell(params, x)
-        each = _T.log_likelihood(jnp.zeros(()), told.off, told.scale, params)
-        each = jnp.where(x["used"], each, 0.0) * x["weight"][:, None]
-        design, prior_mean, prior_variance = levels_prior(params, x)
-        spread = jnp.where(stable, params["stable_cut_spread"], params["chatter_cut_spread"])
-        variance = spread**2 + told.error + _NO_WEIGHT * (1.0 - x["weight"])
-        covariance = (design * prior_variance) @ design.T + jnp.diag(variance)
-        factor = jnp.linalg.cholesky(covariance)
-        off = told.centre - design @ prior_mean
-        z = jax.scipy.linalg.solve_triangular(factor, off, lower=True)
-        # Laplace: the integral over v of the windows' density about its best value.
-        added = 0.5 * jnp.log(told.error) + 0.5 * (told.centre - x["centre"]) ** 2 / told.error
-        scale = jnp.log(jnp.diag(factor)) - x["weight"] * added
-        return jnp.concatenate([z, scale, each.ravel()])
-
-
-class Told(NamedTuple):
-    """What the windows of every cut tell of its level.
-
-    Attributes
-    ----------
-    centre, error : array, shape (c,)
-        Best value of v, by a step of Newton's from the centre of the windows, and its variance.
-    off, scale : array, shape (c, w)
-        Innovation of every window about the centre of the windows, and its scale.
-    """
-
-    centre: Any
-    error: Any
-    off: Any
-    scale: Any
-
-
-def what_windows_tell(params: Mapping[str, Any], x: Mapping[str, Any], xp: Any = jnp) -> Told:
-    """What the windows of every cut tell of its level, given how they scatter.
-
-    Parameters
-    ----------
-    params : mapping of str to array
-        Those of `score_problem`.
-    x : mapping of str to array
-        From `arranged`.
-    xp : module
-        `jax.numpy` or `numpy`.
-
-    Returns
-    -------
-    Told
-        For every cut.
-    """
-    stable, nu = x["share"][:, STABLE_COLUMN] > 0.0, params["freedom"]
-    s, phi = (
-        xp.where(stable, params[f"stable_{name}"], params[f"chatter_{name}"])[:, None]
-        for name in ("spread", "correlation")
-    )
-    off = x["windows"] - x["centre"][:, None]
-    before = xp.concatenate([xp.zeros_like(off[:, :1]), off[:, :-1]], axis=1)
-    pull = xp.where(x["first"], 0.0, phi)
-    scale = s * xp.sqrt(1.0 - pull**2)
-    off = off - pull * before
-    z, moves = off / scale, (1.0 - pull) / scale
-    slope = xp.where(x["used"], moves * (nu + 1.0) * z / (nu + z**2), 0.0).sum(axis=1)
-    expected = xp.where(x["used"], moves**2, 0.0).sum(axis=1) * (nu + 1.0) / (nu + 3.0)
-    bend = moves**2 * (nu + 1.0) * (nu - z**2) / (nu + z**2) ** 2
-    told = xp.where(x["used"], bend, 0.0).sum(axis=1)
-    # Of few windows far apart the density has no single top; what is expected tells more then.
-    told = xp.maximum(told, _LEAST_TOLD * expected)
-    return Told(x["centre"] + slope / told, 1.0 / told, off, scale)
-
-
-def levels_prior(
-    params: Mapping[str, Any], x: Mapping[str, Any], xp: Any = jnp
-) -> tuple[Any, Any, Any]:
-    """Which levels a cut has, and what is known of them beforehand.
-
-    Parameters
-    ----------
-    params : mapping of str to array
-        Those of `score_problem`.
-    x : mapping of str to array
-        From `arranged`.
-    xp : module
-        `jax.numpy` or `numpy`.
-
-    Returns
-    -------
-    design : array, shape (c, 2 + 2 t + k)
-        X: level of stable cuts, gap to chatter, then level and gap of t tools, level of k speeds.
-    mean, variance : array, shape (2 + 2 t + k,)
-        Of the levels beta.
-    """
-    up = x["share"][:, CHATTER_COLUMN] + params["marginal_share"] * x["share"][:, MARGINAL_COLUMN]
-    tool, speed, up = x["tool"], x["speed"], up[:, None]
-    design = xp.concatenate([xp.ones_like(up), up, tool, up * tool, speed], axis=1)
-    sizes = (tool.shape[1], tool.shape[1], speed.shape[1])
-    names = ("tool_spread", "tool_gap_spread", "speed_spread")
-    parts = [xp.ones(k) * params[name] ** 2 for k, name in zip(sizes, names, strict=True)]
-    variance = xp.concatenate([x["level_variance"], *parts])
-    mean = xp.concatenate([x["level_mean"], xp.zeros(sum(sizes))])
-    return design, mean, variance
 
 
 @dataclass(frozen=True)
@@ -255,6 +88,9 @@ class ScorePosterior:
 
     def draws(self, name: str) -> np.ndarray:
         """Draws of a parameter of `score_problem`, shape (m,), those of `levels` beside them."""
+        fixed = self.tree.attrs.get(f"fixed_{name}")
+        if fixed is not None:
+            return np.full(len(self.levels), float(fixed))
         return np.asarray(self.tree["posterior"][name]).ravel()
 
     @property
@@ -346,7 +182,7 @@ def fit_scores(
     left_out : sequence of int
         Cuts that are not to be learnt from, though their tools and speeds keep their place.
     parameters : mapping of str to Parameter or float, optional
-        Instead of those of `score_problem`.
+        Instead of those of `score_problem`, such as a number that fixes one.
     seed : int
         Same seed, same draws.
     draws, warmup, chains : int
@@ -367,6 +203,7 @@ def fit_scores(
     require_float64("A model of scores")
     problem = score_problem(cuts, null=null, left_out=left_out, parameters=parameters)
     start = fit(problem, bend=False, linear_algebra="gram")
+    start = start if start.converged else fit(problem)
     tree = sample(
         problem, seed, draws, "nuts", ensembles=chains, warmup=warmup, start=start,
         progress=progress,
@@ -413,7 +250,8 @@ def score_problem(
         Parameters `stable_` and `chatter_`, each with `cut_spread` (tau), `spread` (s) and
         `correlation` (phi), marginal cuts being taken with chatter; `freedom` (nu);
         `marginal_share`, where between the two marginal cuts lie; `tool_spread`,
-        `tool_gap_spread`, `speed_spread`.
+        `tool_gap_spread`, `speed_spread`. Spreads and nu are sampled by their logarithms `log_`,
+        correlations by `artanh_`.
 
     Raises
     ------
@@ -430,23 +268,42 @@ def score_problem(
             "no cut is labelled stable, so that nothing tells how low one scores; label one, or "
             "give the law of noise."
         )
-    chosen = {name: _parameter(prior) for name, prior in _priors(null if bare else None).items()}
+    chosen: dict[str, Parameter | float] = {}
+    for name, prior in _priors(null if bare else None).items():
+        if name in (parameters or {}):
+            continue
+        if isinstance(prior, LogNormal):
+            at = math.log(prior.median)
+            chosen[f"log_{name}"] = Parameter(at, prior=Normal(at, prior.log_std))
+            chosen[name] = Parameter(prior.median, tied=_Exponential(f"log_{name}"))
+        elif name.endswith("_correlation"):
+            chosen[f"artanh_{name}"] = Parameter(0.0, prior=prior)
+            chosen[name] = Parameter(0.0, tied=_Tangent(f"artanh_{name}"))
+        else:
+            low, high = prior.support
+            chosen[name] = Parameter(0.5 * (low + high), "", (low, high), prior)
     for name, given in (parameters or {}).items():
-        if name not in chosen:
-            raise InputError(f"parameter {name!r} is unknown{nearest(name, tuple(chosen))}.")
-        chosen[name] = given if isinstance(given, Parameter) else Parameter(given, fixed=True)
+        known = tuple(_priors(None))
+        if name not in known:
+            raise InputError(f"parameter {name!r} is unknown{nearest(name, known)}.")
+        chosen[name] = given
     x = arranged(cuts, left_out=left_out)
     level = _USUAL_LEVEL if null is None else null.quantile(0.5)
     spread = _NULL_SPREAD if bare else _LEVEL_SPREAD
     x["level_mean"] = np.array([level, _GAP])
     x["level_variance"] = np.array([spread, _GAP_SPREAD]) ** 2
-    nothing = np.zeros(2 * len(cuts) + x["windows"].size)
-    dataset = Dataset(x, nothing, 1.0, CutDensities(), noise=CutNoise(len(cuts)))
+    levels = 2 + 2 * x["tool"].shape[1] + x["speed"].shape[1]
+    noise = CutNoise(len(cuts) + levels, len(cuts) + 1)
+    nothing = np.zeros(noise.deviations + noise.scales + x["windows"].size)
+    dataset = Dataset(x, nothing, 1.0, CutDensities(), noise=noise)
     return Problem(chosen, {"cuts": dataset}, name="scores of labelled cuts")
 
 
 def _priors(null: NullLaw | None) -> dict[str, Prior]:
-    """Weak priors, in units of y; the null law tells of stable windows where no stable cut does."""
+    """Weak priors, in units of y; of a correlation, that of its Fisher transform.
+
+    The null law tells of the windows of stable cuts where there are none.
+    """
     cut, windows = LogNormal(0.3, 0.6), LogNormal(0.3, 0.6)
     stable = windows
     if null is not None:
@@ -456,8 +313,8 @@ def _priors(null: NullLaw | None) -> dict[str, Prior]:
         "chatter_cut_spread": cut,
         "stable_spread": stable,
         "chatter_spread": windows,
-        "stable_correlation": Beta(2.0, 2.0, -1.0, 1.0),
-        "chatter_correlation": Beta(2.0, 2.0, -1.0, 1.0),
+        "stable_correlation": Normal(0.0, 0.5),
+        "chatter_correlation": Normal(0.0, 0.5),
         "freedom": LogNormal(8.0, 0.7),
         "marginal_share": Beta(2.0, 2.0),
         "tool_spread": LogNormal(0.5, 0.6),
@@ -466,11 +323,24 @@ def _priors(null: NullLaw | None) -> dict[str, Prior]:
     }
 
 
-def _parameter(prior: Prior) -> Parameter:
-    if isinstance(prior, LogNormal):
-        return Parameter(prior.median, "", (0.0, math.inf), prior, "log")
-    low, high = prior.support
-    return Parameter(0.5 * (low + high), "", (low, high), prior)
+@dataclass(frozen=True)
+class _Exponential:
+    """A parameter by its logarithm: on it, spreads that a few cuts tell of are nearly normal."""
+
+    of: str
+
+    def __call__(self, params: Mapping[str, Any]) -> Any:
+        return jnp.exp(params[self.of])
+
+
+@dataclass(frozen=True)
+class _Tangent:
+    """A correlation by Fisher's transform."""
+
+    of: str
+
+    def __call__(self, params: Mapping[str, Any]) -> Any:
+        return jnp.tanh(params[self.of])
 
 
 def _levels(
@@ -478,22 +348,15 @@ def _levels(
 ) -> np.ndarray:
     """Levels given each draw of the others: normal, with precision P^-1 + X' V^-1 X."""
     drawn = tree["posterior"].dataset
-    values = {name: np.asarray(drawn[name]).ravel() for name in problem.layout.free}
+    values = {str(name): np.asarray(drawn[name]).ravel() for name in drawn}
     size = len(next(iter(values.values())))
     fixed = dict(zip(problem.layout.fixed, problem.fixed_values, strict=True))
     values |= {name: np.full(size, value) for name, value in fixed.items()}
-    stable = x["share"][:, STABLE_COLUMN] > 0.0
     levels = []
     for i in range(size):
         at = {name: float(value[i]) for name, value in values.items()}
-        design, mean, variance = levels_prior(at, x, np)
-        told = what_windows_tell(at, x, np)
-        spread = np.where(stable, at["stable_cut_spread"], at["chatter_cut_spread"])
-        known = x["weight"] / (spread**2 + told.error)
-        precision = np.diag(1.0 / variance) + (design.T * known) @ design
-        factor = scipy.linalg.cholesky(precision, lower=True)
-        right = mean / variance + design.T @ (known * told.centre)
-        centre = scipy.linalg.cho_solve((factor, True), right)
-        noise = scipy.linalg.solve_triangular(factor.T, rng.normal(size=len(mean)))
-        levels.append(centre + noise)
+        known = known_levels(at, x, what_windows_tell(at, x, np), np)
+        best = scipy.linalg.cho_solve((known.factor, True), known.pull)
+        noise = scipy.linalg.solve_triangular(known.factor.T, rng.normal(size=len(best)))
+        levels.append(known.mean + best + noise)
     return np.array(levels)

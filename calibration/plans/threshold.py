@@ -23,6 +23,7 @@ from calibration.plans.threshold_cost import (
     alarms_of_cut,
     choice,
     cut_lengths,
+    drawn_for,
     expected_costs,
     for_rate,
     spoken_by,
@@ -190,7 +191,8 @@ def plan_threshold(
             "always, or never"
         )
     if false_alarms_per_hour is not None:
-        rare = for_rate(stable, rule, false_alarms_per_hour, lengths, pooled=False)
+        of_law = drawn_for(stable, costs)
+        rare = for_rate(of_law, rule, false_alarms_per_hour, lengths, pooled=False)
         of_draws = np.maximum(of_draws, rare)
         warnings += unsupported(posterior, tool, false_alarms_per_hour)
     per_hour = alarms_of_cut(stable, rule, at, lengths) / lengths.hours

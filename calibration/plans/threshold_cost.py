@@ -261,13 +261,17 @@ def cut_lengths(posterior: ScorePosterior, within: float | None) -> CutLengths:
     return CutLengths(int(np.median(sizes[STABLE] or sizes[CHATTER])), found, step)
 
 
+def drawn_for(law: WindowLaw, costs: Costs) -> WindowLaw:
+    """The draws for which a threshold of least cost is found one by one."""
+    return law if costs.per == WINDOW else law.thinned(_DRAWS_OF_CUTS)
+
+
 def _cheapest(
     stable: WindowLaw, chatter: WindowLaw, costs: Costs, rule: AlarmRule, lengths: CutLengths
 ) -> Least:
     low, high = np.quantile(stable.level, 0.02), np.quantile(chatter.level, 0.98)
     high = max(high, low) + 4.0 * float(np.median(chatter.spread))
-    if costs.per == CUT:
-        stable, chatter = stable.thinned(_DRAWS_OF_CUTS), chatter.thinned(_DRAWS_OF_CUTS)
+    stable, chatter = drawn_for(stable, costs), drawn_for(chatter, costs)
     grid = np.linspace(low, high, _GRID if costs.per == WINDOW else _GRID_OF_CUTS)
     cost = expected_costs(stable, chatter, costs, rule, lengths, grid)
     pooled, ends = _least(grid, cost.mean(axis=0)[None])
@@ -343,10 +347,19 @@ def spoken_by(law: WindowLaw, rule: AlarmRule, threshold: float, windows: int) -
 def _probabilities(
     stable: WindowLaw, chatter: WindowLaw, costs: Costs
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Scores and P(chatter | D); beyond the medians of both laws a score says no more."""
-    ends = float(np.median(stable.level)), float(np.median(chatter.level))
-    span = sorted(ends)
-    y = np.linspace(span[0], span[1], _GRID)
+    """Scores and P(chatter | D), which never falls with the score.
+
+    Far out the tails of both laws decide, of which windows tell nothing: up and down from the
+    middle of the stable ones the probability is held at the best that it has reached.
+    """
+    middle = float(np.median(stable.level))
+    reach = 6.0 * float(np.median(chatter.spread))
+    low, high = np.quantile(stable.level, 0.01), np.quantile(chatter.level, 0.99)
+    y = np.linspace(min(low, middle) - reach, max(high, middle) + reach, _GRID)
     pi = costs.chatter_share
     for_chatter, for_stable = pi * chatter.density(y), (1.0 - pi) * stable.density(y)
-    return np.expm1(y), for_chatter / (for_chatter + for_stable)
+    probability = for_chatter / (for_chatter + for_stable)
+    at = int(np.searchsorted(y, middle))
+    up = np.maximum.accumulate(probability[at:])
+    down = np.minimum.accumulate(probability[: at + 1][::-1])[1:][::-1]
+    return np.expm1(y), np.concatenate([down, up])

@@ -15,7 +15,9 @@ from procmodel.chatter import null_threshold
 from procmodel.errors import InputError
 from tests.calibration import shapes_chatter as shapes
 
-SHORT = {"draws": 150, "warmup": 150}
+# One shape and one length of warm-up, so that most tests share what was compiled.
+COUNTS, WINDOWS = (5, 5, 2), 12
+SHORT = {"draws": 100, "warmup": 150}
 NAMES = ("stable_cut_spread", "chatter_cut_spread", "stable_spread", "chatter_spread")
 
 
@@ -31,7 +33,9 @@ def values(**changed):
 
 def density(problem, given):
     """Sum of the engine's log-likelihoods at natural values."""
-    vector = np.array([given[name] for name in problem.layout.free])
+    inner = {f"log_{name}": np.log(value) for name, value in given.items() if value > 0.0}
+    inner |= {f"artanh_{name}": np.arctanh(min(value, 0.99)) for name, value in given.items()}
+    vector = np.array([(inner | given)[name] for name in problem.layout.free])
     structure = problem.structure.in_natural_coordinates()
     (parts,) = structure.log_likelihoods(vector, problem.fixed_values, problem.data())
     return float(np.sum(parts))
@@ -66,7 +70,11 @@ def levels_covariance(cuts, given):
 
 
 def test_normal_windows_have_the_density_of_one_large_normal_distribution():
-    """Against all windows of all cuts at once; constants that no parameter moves are the same."""
+    """Against all windows of all cuts at once; constants that no parameter moves are the same.
+
+    The floor under what windows tell, which normal ones never reach, moves it by half a percent:
+    2e-3 in the logarithm of the density of five cuts.
+    """
     cuts = some_cuts()
     problem = score_problem(cuts)
     found, expected = [], []
@@ -89,7 +97,7 @@ def test_normal_windows_have_the_density_of_one_large_normal_distribution():
         expected.append(scipy.stats.multivariate_normal.logpdf(y, mean[of_cut], covariance))
         found.append(density(problem, given))
     np.testing.assert_allclose(np.subtract(found, found[0]), np.subtract(expected, expected[0]),
-                               atol=2e-4)  # fmt: skip
+                               atol=2e-3)  # fmt: skip
 
 
 def cut_density(y, mean, between, phi, s, nu, v):
@@ -155,8 +163,8 @@ def test_long_cuts_are_used_in_pieces_of_successive_windows():
 @pytest.fixture(scope="module")
 def posterior():
     rng = np.random.default_rng(5)
-    cuts = shapes.cuts(rng, 8, 8, 4, count=60)
-    return fit_scores(cuts, seed=1)
+    cuts = shapes.cuts(rng, *COUNTS, count=WINDOWS)
+    return fit_scores(cuts, seed=1, warmup=150)
 
 
 def test_the_posterior_converges_over_independent_chains_and_holds_the_truth(posterior):
@@ -172,11 +180,11 @@ def test_the_posterior_converges_over_independent_chains_and_holds_the_truth(pos
     for label in ("stable", "marginal", "chatter"):
         level = posterior.level(label, "A", 12000.0)
         assert abs(level.mean() - truth.level(label)) < 3.5 * level.std()
-        # 8 cuts (4 marginal ones) of spread 0.3 know a level to about 0.1 (0.15), not the 0.02 of
-        # several hundred windows.
-        assert 0.07 < level.std() < 0.3
+        # 5 cuts (2 marginal ones) of spread 0.3 know a level to about 0.13 (0.2), not to the 0.05
+        # that 60 windows would.
+        assert 0.1 < level.std() < 0.4
     for name in ("stable_correlation", "chatter_correlation"):
-        assert abs(posterior.draws(name).mean() - 0.3) < 0.15
+        assert abs(posterior.draws(name).mean() - 0.3) < 0.35
 
 
 def test_an_unseen_tool_is_less_known_than_one_that_was_seen(posterior):
@@ -190,35 +198,40 @@ def test_an_unseen_tool_is_less_known_than_one_that_was_seen(posterior):
 
 
 def test_same_seed_same_draws():
-    cuts = shapes.cuts(np.random.default_rng(0), 4, 4, count=16)
+    cuts = shapes.cuts(np.random.default_rng(0), *COUNTS, count=WINDOWS)
     one, same, other = (fit_scores(cuts, seed=seed, **SHORT) for seed in (1, 1, 2))
     np.testing.assert_array_equal(one.levels, same.levels)
     assert not np.array_equal(one.levels, other.levels)
 
 
-REPEATS, KEPT = 32, 49
+REPEATS, KEPT = 28, 49
 
 
-def ranks(parameters=None):
+def ranks(parameters=None, repeats=REPEATS):
     """Ranks of true levels and spreads among draws, everything drawn from the priors."""
     rng = np.random.default_rng(11)
     found = {"stable level": [], "gap": [], "stable_cut_spread": [], "chatter_spread": []}
-    for repeat in range(REPEATS):
-        problem = score_problem(shapes.cuts(rng, 4, 4, count=16))
-        priors = dict(problem.layout.priors)
-        true = {name: float(prior.draw(rng, 1)[0]) for name, prior in priors.items()}
+    for repeat in range(repeats):
+        problem = score_problem(shapes.cuts(rng, *COUNTS, count=WINDOWS))
+        drawn = {n: float(prior.draw(rng, 1)[0]) for n, prior in problem.layout.priors}
+        true = {n.removeprefix("log_"): np.exp(value) for n, value in drawn.items()}
+        true |= {n.removeprefix("artanh_"): np.tanh(value) for n, value in drawn.items()
+                 if n.startswith("artanh_")}  # fmt: skip
         stable = np.log(10.0) + 1.5 * rng.normal() + true["tool_spread"] * rng.normal()
         stable += true["speed_spread"] * rng.normal()
         gap = 2.0 + 1.5 * rng.normal() + true["tool_gap_spread"] * rng.normal()
         cuts = []
-        for label in ["stable"] * 4 + ["chatter"] * 4:
+        named = zip(("stable", "chatter", "marginal"), COUNTS, strict=True)
+        for label in [label for label, count in named for _ in range(count)]:
+            kind = "stable" if label == "stable" else "chatter"
             truth = shapes.Truth(
-                stable, gap, true[f"{label}_cut_spread"], true[f"{label}_spread"],
-                true["freedom"], true[f"{label}_correlation"],
+                stable, gap, true[f"{kind}_cut_spread"], true[f"{kind}_spread"],
+                true["freedom"], true[f"{kind}_correlation"],
             )  # fmt: skip
-            level = truth.level(label) + truth.cut_spread * rng.normal()
+            up = {"stable": 0.0, "chatter": 1.0, "marginal": true["marginal_share"]}[label]
+            level = stable + up * gap + truth.cut_spread * rng.normal()
             # y itself: below the floor of scores the logarithm would cut it off.
-            cuts.append(Exact(label, shapes.windows(rng, level, truth, 16)))
+            cuts.append(Exact(label, shapes.windows(rng, level, truth, WINDOWS)))
         posterior = fit_scores(cuts, seed=repeat, parameters=parameters, **SHORT)
         low = posterior.level("stable", "A", 12000.0)
         drawn = {
@@ -263,7 +276,7 @@ def test_ranks_of_the_truth_are_uniform():
 def test_without_the_effect_of_cuts_the_model_is_overconfident():
     """The negative control: windows counted as if they were independent evidence."""
     alone = {"stable_cut_spread": 1e-3, "chatter_cut_spread": 1e-3}
-    found = ranks(alone)
+    found = ranks(alone, repeats=16)
     for name in ("stable level", "gap"):
         assert at_the_ends(found[name]) < 0.005, (name, sorted(found[name]))
 
@@ -280,7 +293,7 @@ def test_without_stable_cuts_the_law_of_noise_stands_for_them():
     assert x["level_mean"][0] == pytest.approx(np.log(null_threshold(25, 616, 0.5)))
     # What cuts add to noise is within a factor of e, at two standard deviations.
     assert x["level_variance"][0] == pytest.approx(0.25)
-    spread = problem.parameters["stable_spread"].prior.median
+    spread = np.exp(problem.parameters["log_stable_spread"].prior.mean)
     ratio = null_threshold(25, 616, 0.16) / null_threshold(25, 616, 0.84)
     assert spread == pytest.approx(0.5 * np.log(ratio))
     # With a stable cut the law of noise only says where to look.

@@ -41,6 +41,10 @@ def test_the_threshold_is_where_an_alarm_begins_to_pay(posterior):
     plan = plan_threshold(posterior, COSTS, tool="A")
     assert COSTS.probability == 0.25
     assert plan.choice.chatter_probability(plan.threshold.value) == pytest.approx(0.25, abs=0.02)
+    scores = np.linspace(0.1, 200.0, 500)
+    probability = plan.choice.chatter_probability(scores)
+    assert (np.diff(probability) >= 0.0).all()
+    assert probability[0] < 0.1 and probability[-1] > 0.9
     law = {label: window_law(posterior, label, "A") for label in ("stable", "chatter")}
 
     def cost(y):
@@ -121,6 +125,9 @@ def test_a_rate_of_false_alarms_lifts_the_threshold_and_is_kept(posterior):
     low, high = held.threshold.interval90
     assert low <= held.threshold.value <= high
     assert "the false-alarm rate asked for" in held.status
+    of_cuts = Costs(3.0, 1.0, per="cut")
+    rarer = plan_threshold(posterior, of_cuts, tool="A", false_alarms_per_hour=40.0)
+    assert rarer.threshold.value >= held.threshold.value - 1e-6
     loose = plan_threshold(posterior, COSTS, tool="A", false_alarms_per_hour=20_000.0)
     assert not loose.choice.raised
     assert loose.threshold.value == pytest.approx(free.threshold.value)
@@ -271,7 +278,7 @@ def test_new_tools_with_three_cuts_borrow_from_the_old_ones():
             for n in names
             for label in labels[n]
         ]
-        posterior = fit_scores(cuts, seed=1, draws=250)
+        posterior = fit_scores(cuts, seed=1, draws=120, warmup=150)
         old = chosen_threshold(posterior, EVEN, tool=names[:4]).threshold
         for name in names[4:]:
             own = by_counting([cut for cut in cuts if cut.tool == name])
