@@ -2,7 +2,6 @@
 
 import time
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import scipy.fft
@@ -159,12 +158,6 @@ def _stream(section: Section, sizes: Sizes) -> None:
     section.target("99 % of the windows of the stream", "below 2 ms", f"{late:.2f} ms", late < 2.0)
 
 
-def resident() -> float:
-    """Memory that the process holds now [MiB]."""
-    lines = Path("/proc/self/status").read_text().splitlines()
-    return next(float(line.split()[1]) / 2**10 for line in lines if line.startswith("VmRSS"))
-
-
 def _replay(section: Section, sizes: Sizes) -> None:
     section.heading("A long replay")
     detector = _detector(REPLAY_RATE, REPLAY_CHANNELS)
@@ -177,7 +170,7 @@ def _replay(section: Section, sizes: Sizes) -> None:
         for _ in range(per_hour):
             state, _, _ = observed(detector, state, blocks[number % len(blocks)])
             number += 1
-        held.append(resident())
+        held.append(measure.resident_memory())
     seconds = time.perf_counter() - begin
     grown = held[-1] - held[0]
     section.text(

@@ -116,12 +116,21 @@ def time_spread(seconds: np.ndarray) -> str:
     return f"{spread(seconds / scale)} {unit}"
 
 
+def resident_memory() -> float:
+    """Memory that this process holds now [MiB]; on Linux only."""
+    return _status_of_process("VmRSS")
+
+
+def _status_of_process(entry: str) -> float:
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return next(float(line.split()[1]) / 2**10 for line in lines if line.startswith(entry))
+
+
 def peak_memory() -> float:
     """Greatest memory that this process has held so far [MiB]."""
     # Not getrusage on Linux: there a process starts with the peak of the one that started it.
     try:
-        lines = Path("/proc/self/status").read_text().splitlines()
-        return next(float(line.split()[1]) / 2**10 for line in lines if line.startswith("VmHWM"))
+        return _status_of_process("VmHWM")
     except OSError:
         import resource
 

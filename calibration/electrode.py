@@ -299,9 +299,7 @@ def read_holes(
     InputError
         If the table is faulty or a hole is smaller than its electrode; names file and row.
     """
-    table = read_table(path, _HOLES)
-    places = tuple(place(table.path, int(row)) for row in table.rows)
-    holes, electrodes = (table.values[column.name] for column in _HOLES)
+    (holes, electrodes), places = _columns(path, _HOLES)
     return GapData.from_holes(holes, electrodes, diameter_error, repeats, places)
 
 
@@ -331,12 +329,19 @@ def read_electrodes(
     InputError
         If the table is faulty or an electrode thicker than its path allows; names file and row.
     """
-    table = read_table(path, _ELECTRODES)
-    places = tuple(place(table.path, int(row)) for row in table.rows)
-    paths, diameters = (table.values[column.name] for column in _ELECTRODES)
+    (paths, diameters), places = _columns(path, _ELECTRODES)
     return GapData.from_electrodes(
         paths, diameters, wire_radius, diameter_error, repeats, passes, places
     )
+
+
+def _columns(
+    path: str | Path, columns: tuple[Column, ...]
+) -> tuple[list[np.ndarray], tuple[str, ...]]:
+    """Columns of a table, and where each row stands."""
+    table = read_table(path, columns)
+    places = tuple(place(table.path, int(row)) for row in table.rows)
+    return [table.values[column.name] for column in columns], places
 
 
 def measured_std(diameter_error: float, repeats: int = 1) -> float:

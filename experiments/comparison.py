@@ -1,10 +1,14 @@
-"""Computed key numbers beside those of an ``expected.json``: how far off, and a table."""
+"""Computed key numbers beside those of an ``expected.json``: how far off, a table, the command."""
 
+import argparse
 import json
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from procmodel.io import write_text
 
 Numbers = dict[str, float | list[float]]
 Expected = dict[str, dict[str, Any]]
@@ -49,3 +53,24 @@ def table(numbers: Numbers, expected: Expected) -> str:
             f"{entry['tolerance']:>9.2g}  {unit:<{units}}  {kind:<{kinds}}  {verdict}"
         )
     return "\n".join(lines)
+
+
+def command(folder: Path, description: str) -> argparse.ArgumentParser:
+    """The command of the experiment in a folder, which takes where its results go."""
+    parser = argparse.ArgumentParser(
+        prog=f"python -m experiments.{folder.name}", description=description
+    )
+    parser.add_argument("--out", type=Path, default=folder / "output", metavar="FOLDER")
+    return parser
+
+
+def written(out: Path, content: str, draw: Callable[[], Iterable[Path]]) -> None:
+    """Write ``results.json``, then what is drawn, and name every file."""
+    write_text(out / "results.json", content)
+    for path in [out / "results.json", *draw()]:
+        print(f"wrote {path}")
+
+
+def verdict(numbers: Numbers, expected: Expected) -> int:
+    """The exit code of a command: 1 when a number is not as expected."""
+    return int(any(off > 1 for off in deviations(numbers, expected).values()))

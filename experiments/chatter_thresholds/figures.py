@@ -1,12 +1,21 @@
 """Drawing of the results; nothing is computed here."""
 
+from pathlib import Path
+
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from calibration.chatter_cuts import CutScores
-from calibration.plots.figures import BLUE, GREY, ORANGE, plain
+from calibration.plots.figures import BLUE, GREY, ORANGE, plain, save
 from experiments.chatter_thresholds.run import PAPERS_THRESHOLD, Results
 from procmodel.chatter import CHATTER, STABLE
+
+
+def draw_all(results: Results, folder: Path) -> list[Path]:
+    """Write the picture into the folder; returns its path."""
+    save(overview(results), folder / "overview.png")
+    return [folder / "overview.png"]
 
 
 def overview(results: Results) -> Figure:
@@ -55,6 +64,6 @@ def overview(results: Results) -> Figure:
     return figure
 
 
-def _span(axes: object, cut: CutScores, row: float, colour: str) -> None:
+def _span(axes: Axes, cut: CutScores, row: float, colour: str) -> None:
     low, high = np.quantile(np.maximum(cut.scores, 1.0), [0.05, 0.95])
-    axes.plot([low, high], [row] * 2, color=colour, lw=4, alpha=0.25, solid_capstyle="butt")  # type: ignore[attr-defined]
+    axes.plot([low, high], [row] * 2, color=colour, lw=4, alpha=0.25, solid_capstyle="butt")

@@ -5,11 +5,9 @@ is seen over the one that was stated: within 1 is within a factor of two, below 
 kept more than it promised.
 """
 
-import argparse
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -18,11 +16,9 @@ from calibration.chatter_scores import fit_scores
 from calibration.plans.threshold import Figure, ThresholdPlan, plan_threshold
 from calibration.plans.threshold_check import Tally, tallied
 from calibration.plans.threshold_cost import Costs
-from calibration.plots.figures import save
 from experiments.chatter_thresholds import cuts
 from experiments.chatter_thresholds.cuts import LEARNT, OTHERS, Generator
-from experiments.comparison import Numbers, read_expected, table
-from procmodel.io import write_text
+from experiments.comparison import Numbers, command, read_expected, table, written
 
 HERE = Path(__file__).parent
 # False alarms that are allowed, per hour of stable cutting.
@@ -87,16 +83,12 @@ def compute(sizes: Sizes = Sizes(), others: tuple[Generator, ...] = OTHERS) -> R
         for name, new in held_out.items()
         for rate, plan in plans.items()
     }
+    papers_choice = replace(some.choice, threshold=PAPERS_THRESHOLD, raised=False)
     papers = {
-        name: tallied([(cut, _at(some, PAPERS_THRESHOLD)) for cut in new], some.rule)
+        name: tallied([(cut, papers_choice) for cut in new], some.rule)
         for name, new in held_out.items()
     }
     return Results(learnt, plans, held_out, tallies, papers)
-
-
-def _at(plan: ThresholdPlan, threshold: float) -> Any:
-    """The plan's choice with another threshold."""
-    return type(plan.choice)(threshold, False, plan.choice.grid, plan.choice.probability)
 
 
 def key_numbers(results: Results) -> Numbers:
@@ -156,14 +148,10 @@ def _row(name: str, tally: Tally) -> tuple[str, ...]:
 
 def main(arguments: list[str] | None = None) -> int:
     """The command; returns 1 when a promise is broken, see `broken`."""
-    parser = argparse.ArgumentParser(
-        prog="python -m experiments.chatter_thresholds",
-        description="Use a threshold on cuts of the tool it was learnt from, and of others.",
-    )
-    parser.add_argument("--out", type=Path, default=HERE / "output", metavar="FOLDER")
+    parser = command(HERE, "Use a threshold on cuts of the tool it was learnt from, and of others.")
     chosen = parser.parse_args(arguments)
     # Here, because drawing knows `Results`.
-    from experiments.chatter_thresholds.figures import overview
+    from experiments.chatter_thresholds.figures import draw_all
 
     chosen.out.mkdir(parents=True, exist_ok=True)
     results = compute()
@@ -173,10 +161,11 @@ def main(arguments: list[str] | None = None) -> int:
     print(report(results))
     for warning in dict.fromkeys(w for plan in results.plans.values() for w in plan.warnings):
         print(f"warning: {warning}")
-    write_text(chosen.out / "results.json", json.dumps(numbers, indent=1) + "\n")
-    save(overview(results), chosen.out / "overview.png")
-    for name in ("results.json", "overview.png"):
-        print(f"wrote {chosen.out / name}")
+    written(
+        chosen.out,
+        json.dumps(numbers, indent=1) + "\n",
+        lambda: draw_all(results, chosen.out),
+    )
     return int(broken(numbers))
 
 

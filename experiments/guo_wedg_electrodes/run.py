@@ -4,7 +4,6 @@ The numbers that are compared are in `key_numbers`; what each should be, how clo
 ``expected.json``.
 """
 
-import argparse
 import dataclasses
 import json
 import math
@@ -16,13 +15,21 @@ import numpy as np
 
 from calibration.electrode import GapData
 from calibration.electrode_gap import GapPosterior
-from experiments.comparison import Expected, Numbers, deviations, read_expected, table
+from experiments.comparison import (
+    Expected,
+    Numbers,
+    command,
+    deviations,
+    read_expected,
+    table,
+    verdict,
+    written,
+)
 from experiments.guo_wedg_electrodes import gaps, link, sizes
 from experiments.guo_wedg_electrodes.conditions import PAPER, Conditions
 from experiments.guo_wedg_electrodes.gaps import Learning, RangePosterior
 from experiments.guo_wedg_electrodes.link import Linked
 from experiments.guo_wedg_electrodes.sizes import Cause, GroundShape
-from procmodel.io import write_text
 
 HERE = Path(__file__).parent
 SURE = 0.9
@@ -167,11 +174,7 @@ def as_json(results: Results, numbers: Numbers, expected: Expected) -> str:
 
 def main(arguments: list[str] | None = None) -> int:
     """The command; returns 1 when a number is not as expected."""
-    parser = argparse.ArgumentParser(
-        prog="python -m experiments.guo_wedg_electrodes",
-        description="What the sizes of Guo, Pei, Yu and Li's micro-electrodes depend on.",
-    )
-    parser.add_argument("--out", type=Path, default=HERE / "output", metavar="FOLDER")
+    parser = command(HERE, "What the sizes of Guo, Pei, Yu and Li's micro-electrodes depend on.")
     chosen = parser.parse_args(arguments)
     # Here, because drawing knows `Results`.
     from experiments.guo_wedg_electrodes.figures import draw_all
@@ -181,7 +184,6 @@ def main(arguments: list[str] | None = None) -> int:
     numbers, expected = key_numbers(results), expected_numbers()
     print(table(numbers, expected))
     print(f"\n{budget_table(results)}\n\n{sizes_table(results)}\n")
-    write_text(chosen.out / "results.json", as_json(results, numbers, expected))
-    for path in [chosen.out / "results.json", *draw_all(results, chosen.out)]:
-        print(f"wrote {path}")
-    return int(any(off > 1 for off in deviations(numbers, expected).values()))
+    content = as_json(results, numbers, expected)
+    written(chosen.out, content, lambda: draw_all(results, chosen.out))
+    return verdict(numbers, expected)

@@ -4,7 +4,6 @@ The numbers that are compared are in `key_numbers`; what each should be, how clo
 ``expected.json``.
 """
 
-import argparse
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,15 @@ import jax
 import numpy as np
 
 from calibration.plans.path import PathPlan
-from experiments.comparison import Expected, deviations, read_expected, table
+from experiments.comparison import (
+    Expected,
+    command,
+    deviations,
+    read_expected,
+    table,
+    verdict,
+    written,
+)
 from experiments.ibaraki_constant_engagement import loads as force
 from experiments.ibaraki_constant_engagement import passes
 from experiments.ibaraki_constant_engagement.conditions import PAPERS_CUT, Conditions
@@ -25,7 +32,6 @@ from experiments.ibaraki_constant_engagement.passes import (
     OpenWall,
 )
 from procmodel.engagement import engagement_angle_constant_curvature, radial_depth_for_angle
-from procmodel.io import write_text
 
 HERE = Path(__file__).parent
 TRANSITION = (0.8, 0.5, 0.25, 0.0)
@@ -192,11 +198,7 @@ def as_json(results: Results, numbers: dict[str, Any], expected: dict[str, Any])
 
 def main(arguments: list[str] | None = None) -> int:
     """The command; returns 1 when a number is not as expected."""
-    parser = argparse.ArgumentParser(
-        prog="python -m experiments.ibaraki_constant_engagement",
-        description="Recompute the cut of Ibaraki et al.",
-    )
-    parser.add_argument("--out", type=Path, default=HERE / "output", metavar="FOLDER")
+    parser = command(HERE, "Recompute the cut of Ibaraki et al.")
     chosen = parser.parse_args(arguments)
     # Here, because drawing knows `Results`.
     from experiments.ibaraki_constant_engagement.figures import draw_all
@@ -207,7 +209,6 @@ def main(arguments: list[str] | None = None) -> int:
     print(table(numbers, expected))
     print()
     print(against_the_paper(results))
-    write_text(chosen.out / "results.json", as_json(results, numbers, expected))
-    for path in [chosen.out / "results.json", *draw_all(results, chosen.out)]:
-        print(f"wrote {path}")
-    return int(any(off > 1 for off in deviations(numbers, expected).values()))
+    content = as_json(results, numbers, expected)
+    written(chosen.out, content, lambda: draw_all(results, chosen.out))
+    return verdict(numbers, expected)

@@ -4,7 +4,6 @@ The numbers that are compared with the paper are in `key_numbers`; what each sho
 and why is in ``expected.json``.
 """
 
-import argparse
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,14 +13,22 @@ import numpy as np
 
 from calibration.plans.avoidance_comparison import Paired, summary
 from calibration.plans.avoidance_log import write_log
-from experiments.comparison import Expected, Numbers, deviations, read_expected, table
+from experiments.comparison import (
+    Expected,
+    Numbers,
+    command,
+    deviations,
+    read_expected,
+    table,
+    verdict,
+    written,
+)
 from experiments.nishikawa_chatter_avoidance import recording
 from experiments.nishikawa_chatter_avoidance.conditions import SENSORS, Paper
 from experiments.nishikawa_chatter_avoidance.recording import Recording, detected
 from experiments.nishikawa_chatter_avoidance.slopes import Slopes, both_slopes
 from experiments.nishikawa_chatter_avoidance.study import FIXED, HOLD, Study, studied
 from experiments.nishikawa_chatter_avoidance.sweep import Sweep, swept
-from procmodel.io import write_text
 
 HERE = Path(__file__).parent
 
@@ -179,11 +186,7 @@ def as_json(results: Results, numbers: Numbers, expected: Expected) -> str:
 
 def main(arguments: list[str] | None = None) -> int:
     """The command; returns 1 when a number is not as expected."""
-    parser = argparse.ArgumentParser(
-        prog="python -m experiments.nishikawa_chatter_avoidance",
-        description="The detector and the avoidance system of Nishikawa et al., simulated.",
-    )
-    parser.add_argument("--out", type=Path, default=HERE / "output", metavar="FOLDER")
+    parser = command(HERE, "The detector and the avoidance system of Nishikawa et al., simulated.")
     chosen = parser.parse_args(arguments)
     # Here, because drawing knows `Results`.
     from experiments.nishikawa_chatter_avoidance.figures import draw_all
@@ -198,11 +201,19 @@ def main(arguments: list[str] | None = None) -> int:
         about_recording(results.recording),
     ):
         print(text + "\n")
-    write_text(chosen.out / "results.json", as_json(results, numbers, expected))
-    written = [chosen.out / "results.json"]
+    content = as_json(results, numbers, expected)
+    written(
+        chosen.out,
+        content,
+        lambda: [*write_logs(results, chosen.out), *draw_all(results, chosen.out)],
+    )
+    return verdict(numbers, expected)
+
+
+def write_logs(results: Results, folder: Path) -> list[Path]:
+    """Write what the loop did on every slope; returns the paths."""
+    paths = []
     for slope, run in results.slopes.on.items():
-        written.append(chosen.out / f"slope_{slope}.csv")
-        write_log(written[-1], run.log)
-    for path in [*written, *draw_all(results, chosen.out)]:
-        print(f"wrote {path}")
-    return int(any(off > 1 for off in deviations(numbers, expected).values()))
+        paths.append(folder / f"slope_{slope}.csv")
+        write_log(paths[-1], run.log)
+    return paths

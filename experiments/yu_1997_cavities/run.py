@@ -4,7 +4,6 @@ The numbers that are compared are in `key_numbers`; what each should be, how clo
 ``expected.json``.
 """
 
-import argparse
 import dataclasses
 import json
 from dataclasses import dataclass
@@ -14,7 +13,15 @@ from typing import Any
 import numpy as np
 
 from calibration.wear import CavityFit
-from experiments.comparison import Expected, deviations, read_expected, table
+from experiments.comparison import (
+    Expected,
+    command,
+    deviations,
+    read_expected,
+    table,
+    verdict,
+    written,
+)
 from experiments.yu_1997_cavities import cavities, loop
 from experiments.yu_1997_cavities.cavities import (
     CompensatedCavity,
@@ -29,7 +36,6 @@ from experiments.yu_1997_cavities.conditions import (
     pyramid_frustum,
 )
 from experiments.yu_1997_cavities.loop import PlannedCut
-from procmodel.io import write_text
 
 HERE = Path(__file__).parent
 REPEATS = 200
@@ -175,11 +181,7 @@ def _first_relative_wear(results: Results) -> float:
 
 def main(arguments: list[str] | None = None) -> int:
     """The command; returns 1 when a number is not as expected."""
-    parser = argparse.ArgumentParser(
-        prog="python -m experiments.yu_1997_cavities",
-        description="Recompute the cavities of Yu and Masuzawa (1997).",
-    )
-    parser.add_argument("--out", type=Path, default=HERE / "output", metavar="FOLDER")
+    parser = command(HERE, "Recompute the cavities of Yu and Masuzawa (1997).")
     parser.add_argument(
         "--repeats",
         type=int,
@@ -194,7 +196,6 @@ def main(arguments: list[str] | None = None) -> int:
     results = compute(repeats=chosen.repeats)
     numbers, expected = key_numbers(results), expected_numbers()
     print(table(numbers, expected))
-    write_text(chosen.out / "results.json", as_json(results, numbers, expected))
-    for path in [chosen.out / "results.json", *draw_all(results, chosen.out)]:
-        print(f"wrote {path}")
-    return int(any(off > 1 for off in deviations(numbers, expected).values()))
+    content = as_json(results, numbers, expected)
+    written(chosen.out, content, lambda: draw_all(results, chosen.out))
+    return verdict(numbers, expected)

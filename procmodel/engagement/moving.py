@@ -339,7 +339,7 @@ def _moved(
     its slope are not given with the places, only these are found.
     """
     number = jnp.maximum(table, 0)
-    pieces = _Pieces(*[*(field[number] for field in fields), table >= 0])
+    pieces = _Pieces._make([*(field[number] for field in fields), table >= 0])
     x, y, tx, ty, base, moved, *known = places
     target = 2.0 * jnp.sin(0.5 * angle) ** 2
     near_enough = _SETTLED * jnp.sin(angle)

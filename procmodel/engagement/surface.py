@@ -81,18 +81,13 @@ class Surface:
 
         Parameters
         ----------
-        centres : ndarray, shape (n, 2) [mm]
-            Tool centres.
-        radius : float [mm]
-            Tool radius.
-        margin : float [mm]
-            How far the centres may still be moved.
+        centres, radius, margin
+            As for `SegmentIndex.tables`; the margin may be how far the centres are still moved.
 
         Returns
         -------
         list of (ndarray of int, shape (m,), ndarray of int, shape (m, k))
-            Numbers of the centres in groups, and for each the numbers of the segments, filled up
-            with -1. Sizes are powers of 2, so that few shapes are compiled.
+            Its tables, in chunks that bound the memory.
         """
         return self.index.tables(centres, radius, margin, _CHUNK)
 

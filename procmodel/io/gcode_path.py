@@ -7,22 +7,16 @@ maker's dialect: check a program before running it.
 from __future__ import annotations
 
 import os
-import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-
-import numpy as np
 
 from procmodel.errors import InputError
 from procmodel.io.atomic import check_target, write_text
+from procmodel.io.gcode_moves import RESOLUTION, Plane, as_remark, moves, rounded
 from procmodel.io.gcode_template import FeedRate, Millimetres, TemplateKind, read_texts
-from procmodel.io.polyline import BulgePolyline, arc_middle, checked
+from procmodel.io.polyline import BulgePolyline, checked
 
-# What the program writes, in mm: four decimals.
-RESOLUTION = 1e-4
-
-# Below this radius, in mm, rounding could turn an arc around.
-LEAST_RADIUS = 3 * RESOLUTION
+_PLANE = Plane(("x", "y"), ("i", "j"), "counterclockwise_arc", "clockwise_arc")
 
 _EVERYWHERE = ("pass_count", "z", "safe_z", "feed", "plunge_feed", "spindle_speed")
 
@@ -150,61 +144,15 @@ def path_program_text(
     }
     blocks = [texts["header"].format_map(common)]
     for number, polyline in enumerate(polylines, start=1):
-        rounded = _rounded(checked(polyline).with_arcs_halved())
-        moves = list(_moves(texts, common, rounded))
-        if not moves:
-            raise InputError(
-                f"{polyline.name}: the path is shorter than the {RESOLUTION:g} mm that the program "
-                "writes: delete it"
-            )
-        start_x, start_y = map(Millimetres, rounded.points[0])
+        written = rounded(checked(polyline).with_arcs_halved())
+        start_x, start_y = map(Millimetres, written.points[0])
         values = common | {
             "number": number,
-            "name": _as_remark(polyline.name),
+            "name": as_remark(polyline.name),
             "start_x": start_x,
             "start_y": start_y,
-            "moves": "\n".join(moves),
+            "moves": moves(texts, common, written, _PLANE),
         }
         blocks.append(texts["pass"].format_map(values))
     blocks.append(texts["footer"].format_map(common))
     return "\n".join(blocks) + "\n"
-
-
-def _rounded(polyline: BulgePolyline) -> BulgePolyline:
-    """The path with each vertex at a written position, so that no error adds up along it."""
-    # One rounding to the nearest decimal fraction, the same as that of the format.
-    points = np.array([[float(f"{value:.4f}") for value in point] for point in polyline.points])
-    return BulgePolyline(points, polyline.bulges, polyline.closed, polyline.name)
-
-
-def _moves(
-    texts: dict[str, str], common: dict[str, object], polyline: BulgePolyline
-) -> Iterator[str]:
-    pieces = zip(polyline.starts, polyline.ends, polyline.bulges.tolist(), strict=True)
-    for start, end, bulge in pieces:
-        chord = float(np.hypot(*(end - start)))
-        if chord == 0:
-            continue
-        x, y = map(Millimetres, end)
-        values = common | {"x": x, "y": y}
-        sagitta = abs(bulge) * chord / 2
-        radius = chord / 4 * (abs(bulge) + 1 / abs(bulge)) if bulge else np.inf
-        if sagitta < RESOLUTION / 2 or radius < LEAST_RADIUS:
-            yield texts["line"].format_map(values)
-        else:
-            i, j = map(Millimetres, _centre(start, end, bulge) - start)
-            words = texts["counterclockwise_arc" if bulge > 0 else "clockwise_arc"]
-            yield words.format_map(values | {"i": i, "j": j})
-
-
-def _centre(start: np.ndarray, end: np.ndarray, bulge: float) -> np.ndarray:
-    """Centre of an arc, on the line from the middle of its chord through that of the arc."""
-    chord_middle = (start + end) / 2
-    # From there the arc's middle lies at the sagitta s, the centre at s - r.
-    share = 1 - (1 + bulge**-2) / 2
-    return chord_middle + share * (arc_middle(start, end, bulge) - chord_middle)
-
-
-def _as_remark(name: str) -> str:
-    """A name in the signs that a remark of a program may hold."""
-    return re.sub(r"[^A-Z0-9 ,._+/-]", "_", name.upper())[:60]

@@ -7,16 +7,19 @@ maker's dialect: check a program before running it.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from procmodel.errors import InputError
 from procmodel.io.atomic import check_target, write_text
-from procmodel.io.gcode_path import LEAST_RADIUS, RESOLUTION
+from procmodel.io.gcode_moves import Plane, as_remark, moves, rounded
 from procmodel.io.gcode_template import FeedRate, Millimetres, TemplateKind, read_texts
 from procmodel.io.polyline import BulgePolyline, arc_middle, checked
+
+# Positive bulges turn from X to Z, which is clockwise where the plane is that of Z and X.
+_PLANE = Plane(("x", "z"), ("i", "k"), "clockwise_arc", "counterclockwise_arc")
 
 _EVERYWHERE = ("pass_count", "shape", "safe_x", "feed")
 
@@ -146,49 +149,22 @@ def _pass(
     safe_x: float,
 ) -> str:
     whole = checked(polyline).with_arcs_halved()
-    points = np.round(whole.points, 4)
+    written = rounded(whole)
     middles = arc_middle(whole.starts, whole.ends, whole.bulges)
-    reach = max(float(np.max(points[:, 0])), float(np.max(middles[:, 0])))
+    reach = max(float(np.max(written.points[:, 0])), float(np.max(middles[:, 0])))
     if reach > safe_x:
         raise InputError(
             f"{polyline.name}: the path reaches x = {reach:g} mm, beyond the safe_x of "
             f"{safe_x:g} mm: give a larger safe_x"
         )
-    moves = list(_moves(texts, common, points, whole.bulges))
-    if not moves:
-        raise InputError(
-            f"{polyline.name}: the path is shorter than the {RESOLUTION:g} mm that the program "
-            "writes: delete it"
-        )
-    start_x, start_z = map(Millimetres, points[0])
+    start_x, start_z = map(Millimetres, written.points[0])
     return texts["pass"].format_map(
         common
         | {
             "number": number,
-            "name": polyline.name.upper(),
+            "name": as_remark(polyline.name),
             "start_x": start_x,
             "start_z": start_z,
-            "moves": "\n".join(moves),
+            "moves": moves(texts, common, written, _PLANE),
         }
     )
-
-
-def _moves(
-    texts: dict[str, str], common: dict[str, object], points: np.ndarray, bulges: np.ndarray
-) -> Iterator[str]:
-    for start, end, bulge in zip(points[:-1], points[1:], bulges.tolist(), strict=True):
-        chord = float(np.hypot(*(end - start)))
-        if chord == 0.0:
-            continue
-        x, z = map(Millimetres, end)
-        values = common | {"x": x, "z": z}
-        radius = chord / 4.0 * (abs(bulge) + 1.0 / abs(bulge)) if bulge else np.inf
-        if abs(bulge) * chord / 2.0 < RESOLUTION / 2.0 or radius < LEAST_RADIUS:
-            yield texts["line"].format_map(values)
-            continue
-        left = np.array([start[1] - end[1], end[0] - start[0]])
-        centre = 0.5 * (start + end) + left * (1.0 - bulge**2) / (4.0 * bulge)
-        i, k = map(Millimetres, centre - start)
-        # Positive bulges turn from X to Z, which is clockwise where the plane is that of Z and X.
-        words = texts["clockwise_arc" if bulge > 0.0 else "counterclockwise_arc"]
-        yield words.format_map(values | {"i": i, "k": k})

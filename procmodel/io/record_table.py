@@ -15,7 +15,7 @@ from procmodel.io.header import Column, Header, locate, parse_header
 from procmodel.io.record_clock import printed_resolution
 from procmodel.io.record_source import Channel
 from procmodel.io.record_units import si_unit, split_heading
-from procmodel.io.tables import place
+from procmodel.io.tables import is_number, place
 
 _TIME, _COUNT = Column("time", "s", required=False), Column("sample", "1", required=False)
 _EXAMPLE = "'time [s], acceleration y [m/s^2]'"
@@ -90,7 +90,7 @@ def read_header(path: Path, lines: Iterator[tuple[int, str]]) -> RecordHeader:
     else:
         raise InputError(f"{path}: there are no samples: begin the file with {_EXAMPLE}")
     header = parse_header(row, line, ())
-    if _is_number(header.cells[0].replace(",", ".")):
+    if is_number(header.cells[0].replace(",", ".")):
         candidates = [parse_header(*remark, ()) for remark in remarks]
         known = [each for each in candidates if any(split_heading(c)[1] for c in each.cells)]
         if not known:
@@ -234,7 +234,7 @@ def _parsed_row(
     for name in names:
         cell = cells[head.positions[name]]
         finite = name not in ("time", "sample")
-        if not _is_number(cell) or not (finite or np.isfinite(float(cell))):
+        if not is_number(cell) or not (finite or np.isfinite(float(cell))):
             problem = f"holds '{cell}', which is not a number" if cell else "is empty"
             raise InputError(
                 f"{place(path, row)}: column '{name}' {problem}: write a number such as 12.5, or "
@@ -282,13 +282,3 @@ def is_blank_or_remark(line: str) -> bool:
     """Whether a line holds no numbers by design."""
     text = line.strip()
     return not text or text.startswith("#")
-
-
-def _is_number(text: str) -> bool:
-    if "_" in text:
-        return False
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True

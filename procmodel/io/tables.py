@@ -136,7 +136,7 @@ def _header_and_data(
         return first, data[1:]
     if best_remark is not None and any(wanted_columns_named(best_remark, columns)):
         return best_remark, data
-    if any(_is_number(cell.replace(",", ".")) for cell in first.cells):
+    if any(is_number(cell.replace(",", ".")) for cell in first.cells):
         raise InputError(
             f"{place(path, first.row)}: the table starts with numbers instead of a header: "
             f"write {_example(columns)} above them"
@@ -218,7 +218,7 @@ def _converted(
     """Values of a column in its wanted unit, each checked to be a finite number."""
     values = np.empty(len(texts))
     for index, ((row, _), text) in enumerate(zip(data, texts, strict=True)):
-        if not _is_number(text):
+        if not is_number(text):
             problem = f"holds '{text}', which is not a number" if text else "is empty"
             raise InputError(
                 f"{place(path, row)}: column '{column.name}' {problem}: "
@@ -239,7 +239,8 @@ def _converted(
     return values
 
 
-def _is_number(text: str) -> bool:
+def is_number(text: str) -> bool:
+    """Whether a cell holds a number."""
     # Python also takes `1_000` for a number; in a table it is a slip.
     if "_" in text:
         return False

@@ -3,8 +3,6 @@
 import contextlib
 import io
 import json
-import os
-from pathlib import Path
 
 import h5py
 import numpy as np
@@ -23,9 +21,9 @@ from tests.calibration.chatter_shapes import (
     recording,
     table,
 )
+from tests.measured import MILLING_CUT, needs
 from tests.procmodel.io.record_shapes import write_hdf5, write_tdms, write_wav
 
-DATA = Path(os.environ.get("PROCMODEL_DATA", Path(__file__).parents[4] / "shared" / "data"))
 CUT = ["--spindle-speed", SPEED, "--band", 50, 3000]
 KEYS = {
     "windows", "score_max", "events", "rotation_hz", "chatter_frequency_hz", "threshold", "status",
@@ -308,22 +306,15 @@ def test_the_rate_must_be_told_where_the_file_does_not(folder, tmp_path, run):
     assert "the baseline was made at the rate 6400 Hz, the record has 12800 Hz" in err
 
 
-@pytest.fixture(scope="module")
-def measured():
-    path = DATA / "milling_chatter" / "data.mat"
-    if not path.is_file():
-        pytest.skip(f"no measured data: {path} is absent; set PROCMODEL_DATA")
-    return path
-
-
+@needs(MILLING_CUT)
 @pytest.mark.parametrize("window", [1024, 2048, 4096])
-def test_the_measured_cut(window, measured, tmp_path, run_json):
+def test_the_measured_cut(window, tmp_path, run_json):
     made = tmp_path / "b.h5"
     of = ("--rate", 10000, "--spindle-speed", 5000)
-    air = run_json("chatter", "baseline", measured, *of, "--start", 0.5, "--stop", 3.0,
+    air = run_json("chatter", "baseline", MILLING_CUT, *of, "--start", 0.5, "--stop", 3.0,
                    "--window", window, "--out", made)  # fmt: skip
     assert any(each.startswith("values repeated: ") for each in air["warnings"])
-    result = run_json("chatter", "detect", measured, "--baseline", made, *of, "--threshold", 100,
+    result = run_json("chatter", "detect", MILLING_CUT, "--baseline", made, *of, "--threshold", 100,
                       "--band", 50, 2400, "--teeth", 4)  # fmt: skip
     assert 3.8 <= result["events"][0]["time_s"] <= 4.1
     assert result["events"][0]["state"] == "chatter"

@@ -26,8 +26,9 @@ from tests.calibration.chatter_shapes import (
     recording,
     table,
 )
+from tests.measured import MILLING_CUT, needs
 
-from .test_chatter_detect import CUT, DATA, baseline
+from .test_chatter_detect import CUT, baseline
 
 COMMAND = [sys.executable, "-c", "from calibration.cli import main; main()", "chatter", "watch"]
 
@@ -253,19 +254,19 @@ def test_a_reader_that_goes_away(folder):
     assert err == "stopped: nobody reads the events any more.\n"
 
 
+@needs(MILLING_CUT)
 def test_the_measured_cut_through_standard_input(tmp_path, run, run_json, monkeypatch):
-    path = DATA / "milling_chatter" / "data.mat"
-    if not path.is_file():
-        pytest.skip(f"no measured data: {path} is absent; set PROCMODEL_DATA")
-    values = scipy.io.loadmat(path)["data"][:, 0].astype(float).tolist()
+    values = scipy.io.loadmat(MILLING_CUT)["data"][:, 0].astype(float).tolist()
     rows = [f"{i / 1e4:.4f},{value!r}" for i, value in enumerate(values)]
     text = "\n".join(["time [s],data [1]", *rows]) + "\n"
     of = ("--spindle-speed", 5000, "--band", 50, 2400, "--threshold", 100, "--teeth", 4)
     for window in (1024, 4096):
         made = tmp_path / f"b{window}.h5"
-        run("chatter", "baseline", path, "--rate", 10000, "--spindle-speed", 5000, "--start", 0.5,
-            "--stop", 3.0, "--window", window, "--out", made)  # fmt: skip
-        result = run_json("chatter", "detect", path, "--rate", 10000, "--baseline", made, *of)
+        run("chatter", "baseline", MILLING_CUT, "--rate", 10000, "--spindle-speed", 5000,
+            "--start", 0.5, "--stop", 3.0, "--window", window, "--out", made)  # fmt: skip
+        result = run_json(
+            "chatter", "detect", MILLING_CUT, "--rate", 10000, "--baseline", made, *of
+        )
         monkeypatch.setattr(sys, "stdin", Stdin(io.BytesIO(text.encode())))
         code, out, err = run("chatter", "watch", "-", "--baseline", made, *of, "--json")
         assert (code, err) == (0, "")

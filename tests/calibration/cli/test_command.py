@@ -1,14 +1,13 @@
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from .conftest import CAVITY
+from tests.measured import OUTLINES, needs
 
-DATA = Path(os.environ.get("PROCMODEL_DATA", Path(__file__).parents[4] / "shared" / "data"))
+from .conftest import CAVITY
 
 
 def test_help_loads_no_jax():
@@ -41,12 +40,10 @@ def test_the_installed_command_prints_its_version():
     assert done.stdout.startswith("procmodel ")
 
 
+@needs(OUTLINES)
 def test_volume_ratio_of_the_measured_outlines(run_json):
-    folder = DATA / "edm_sinking"
-    if not folder.is_dir():
-        pytest.skip(f"no measured outlines: {folder} is absent; set PROCMODEL_DATA")
-    result = run_json("wear", "volume-ratio", "--tool", folder / "flat1_tool_um.csv",
-                      "--work", folder / "flat1_work_um.csv")  # fmt: skip
+    result = run_json("wear", "volume-ratio", "--tool", OUTLINES / "flat1_tool_um.csv",
+                      "--work", OUTLINES / "flat1_work_um.csv")  # fmt: skip
     assert result["wear_ratio"]["value"] == pytest.approx(0.16837, abs=5e-5)
     assert 0.0005 < result["wear_ratio"]["std"] < 0.005
 

@@ -1,26 +1,20 @@
 """The measured slot cut: when the detector speaks, at which frequency, and that air is silent."""
 
-import os
-from pathlib import Path
-
 import numpy as np
 import pytest
 import scipy.io
 
 from procmodel.chatter import CHATTER, DetectorSettings, Windowing, air_cut, detect, prepare, scores
+from tests.measured import MILLING_CUT, needs
 
-REPOSITORY = Path(__file__).parents[3]
-DATA = Path(os.environ.get("PROCMODEL_DATA", REPOSITORY / "../shared/data")) / "milling_chatter"
 RATE, ROTATION, BAND = 10000.0, 5000.0 / 60.0, (0.0, 2400.0)
 
-pytestmark = pytest.mark.skipif(
-    not DATA.is_dir(), reason=f"no measured data in {DATA}: set PROCMODEL_DATA"
-)
+pytestmark = needs(MILLING_CUT)
 
 
 @pytest.fixture(scope="module")
 def record():
-    return scipy.io.loadmat(DATA / "data.mat")["data"].astype(float)
+    return scipy.io.loadmat(MILLING_CUT)["data"].astype(float)
 
 
 def made(record, length, kind):

@@ -1,16 +1,11 @@
 """Profiles, outlines and tables of areas."""
 
-import os
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from procmodel.errors import InputError
 from procmodel.io import read_area_table, read_outline, read_profile
-
-REPOSITORY = Path(__file__).parents[3]
-DATA = Path(os.environ.get("PROCMODEL_DATA", REPOSITORY / "../shared/data")) / "edm_sinking"
+from tests.measured import OUTLINES, needs
 
 
 @pytest.fixture
@@ -100,7 +95,7 @@ def test_faulty_area_tables(file, lines, parts):
         assert part in str(raised.value)
 
 
-@pytest.mark.skipif(not DATA.is_dir(), reason=f"no measured data in {DATA}: set PROCMODEL_DATA")
+@needs(OUTLINES)
 @pytest.mark.parametrize(
     ("name", "count", "first", "last"),
     [
@@ -111,7 +106,7 @@ def test_faulty_area_tables(file, lines, parts):
     ],
 )
 def test_measured_outlines(name, count, first, last):
-    outline = read_outline(DATA / name)
+    outline = read_outline(OUTLINES / name)
     assert outline.points.shape == (count, 2)
     assert tuple(outline.points[0]) == first
     assert tuple(outline.points[-1]) == last

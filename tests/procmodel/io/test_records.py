@@ -1,10 +1,8 @@
 """Recordings in every format: the samples, and a sentence for everything that may be wrong."""
 
 import logging
-import os
 import re
 import tracemalloc
-from pathlib import Path
 
 import h5py
 import numpy as np
@@ -17,11 +15,10 @@ from nptdms import ChannelObject, TdmsWriter
 from procmodel.errors import InputError
 from procmodel.io.record_checks import flags, held_samples
 from procmodel.io.records import open_record, read_record
+from tests.measured import MILLING_CUT, needs
 from tests.procmodel.io import record_shapes as shapes
 
 RATE = shapes.RATE
-REPOSITORY = Path(__file__).parents[3]
-DATA = Path(os.environ.get("PROCMODEL_DATA", REPOSITORY / "../shared/data")) / "milling_chatter"
 FORMATS = ["tdms", "wav", "hdf5", "mat", "mat73", "csv"]
 
 
@@ -420,18 +417,18 @@ def test_memory_does_not_grow_with_the_recording(tmp_path, form):
 # A real recording
 
 
-@pytest.mark.skipif(not DATA.is_dir(), reason=f"no measured data in {DATA}: set PROCMODEL_DATA")
+@needs(MILLING_CUT)
 def test_recording_of_milling():
-    record = read_record(DATA / "data.mat", rate=10000.0)
+    record = read_record(MILLING_CUT, rate=10000.0)
     assert (record.channels, record.units) == (("data",), ("1",))
     assert record.samples.shape == (80018, 1)
-    values = scipy.io.loadmat(DATA / "data.mat")["data"]
+    values = scipy.io.loadmat(MILLING_CUT)["data"]
     np.testing.assert_array_equal(record.samples, values)
-    blocks = list(open_record(DATA / "data.mat", rate=10000.0, block_length=777))
+    blocks = list(open_record(MILLING_CUT, rate=10000.0, block_length=777))
     np.testing.assert_array_equal(np.concatenate(blocks), values)
-    part = read_record(DATA / "data.mat", 10000.0, start=3.4, stop=5.0)
+    part = read_record(MILLING_CUT, 10000.0, start=3.4, stop=5.0)
     np.testing.assert_array_equal(part.samples, values[34000:50000])
-    refused(lambda: read_record(DATA / "data.mat"), "sampling rate")
+    refused(lambda: read_record(MILLING_CUT), "sampling rate")
     # Every value stands twice, and nothing else is wrong with it.
     assert held_samples(values[:, 0]) == 2
     (finding,) = flags(values)

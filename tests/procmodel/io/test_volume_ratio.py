@@ -1,8 +1,5 @@
 """Wear ratio from outlines: known areas, exact gradients, honest uncertainty."""
 
-import os
-from pathlib import Path
-
 import numpy as np
 import pytest
 import shapely
@@ -10,9 +7,8 @@ import shapely
 from procmodel.errors import InputError
 from procmodel.io import read_outline
 from procmodel.wear.volume_ratio import area_below, volume_ratio
+from tests.measured import OUTLINES, needs
 
-REPOSITORY = Path(__file__).parents[3]
-DATA = Path(os.environ.get("PROCMODEL_DATA", REPOSITORY / "../shared/data")) / "edm_sinking"
 WEDGE = np.array([(0, 10000), (0, 8465), (4887.5, 0), (9775, 8465), (9775, 10000)])
 
 # An electrode 100 wide that lost 10 of its length, and a pocket 110 wide and 50 deep.
@@ -187,14 +183,14 @@ def test_points_digitised_twice_and_closed_outlines_are_accepted():
         assert result.eroded_area == pytest.approx(1000.0, rel=1e-14)
 
 
-measured = pytest.mark.skipif(
-    not DATA.is_dir(), reason=f"no measured data in {DATA}: set PROCMODEL_DATA"
-)
+measured = needs(OUTLINES)
 
 
 @measured
 def test_measured_flat_pair():
-    tool, work = (read_outline(DATA / f"flat1_{part}_um.csv").points for part in ("tool", "work"))
+    tool, work = (
+        read_outline(OUTLINES / f"flat1_{part}_um.csv").points for part in ("tool", "work")
+    )
     result = volume_ratio(tool, work, digitising_error=10.0)
     assert result.eroded_area == 6609498.5
     assert result.removed_area == 39255613.0
@@ -204,7 +200,9 @@ def test_measured_flat_pair():
 
 @measured
 def test_measured_wedge_pair():
-    tool, work = (read_outline(DATA / f"tip1_{part}_um.csv").points for part in ("tool", "work"))
+    tool, work = (
+        read_outline(OUTLINES / f"tip1_{part}_um.csv").points for part in ("tool", "work")
+    )
     result = volume_ratio(tool, work, WEDGE, digitising_error=10.0)
     eroded = shapely.Polygon(WEDGE).difference(shapely.Polygon(tool)).area
     removed = shapely.Polygon([*work, (work[-1, 0], 0), (work[0, 0], 0)]).area
