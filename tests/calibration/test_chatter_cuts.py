@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calibration.chatter_cuts import null_numbers, read_labels, score_cuts
+from calibration.chatter_cuts import _within, null_numbers, read_labels, score_cuts
 from calibration.chatter_detection import Source, detector_for
 from procmodel.chatter import CUTTING, detect, scores
 from procmodel.errors import InputError
@@ -134,3 +134,14 @@ def test_averaging_is_at_least_one(shop):
         score_cuts(read_labels(shop[0]), load_baselines(shop[1]), averaged=0)
     with pytest.raises(InputError, match="there is no labelled cut"):
         score_cuts([], load_baselines(shop[1]))
+
+
+def test_windows_partly_of_the_air_behind_a_cut_are_left_out():
+    def kept(cutting):
+        return _within(np.array(cutting, bool), 3).astype(int).tolist()
+
+    assert kept([0, 1, 1, 1, 1, 1, 0]) == [0, 1, 1, 0, 0, 0, 0]
+    # Of two cuts each loses its own; a record that ends in the cut has no air behind it.
+    assert kept([1, 1, 1, 1, 0, 1, 1, 1, 1]) == [1, 0, 0, 0, 0, 1, 1, 1, 1]
+    # One too short to lose them keeps them all.
+    assert kept([0, 1, 1, 0]) == [0, 1, 1, 0]
