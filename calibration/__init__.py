@@ -30,9 +30,9 @@ if TYPE_CHECKING:
     )
     from calibration.problem import Dataset, Problem
     from calibration.profiling import ProfileLikelihood, profile
+    from calibration.ranks import simulation_check
     from calibration.result import FitResult, ParameterEstimate
     from calibration.sampling import sample
-    from calibration.simulation_check import simulation_check
     from calibration.solvers.multistart import Multistart, multistart
 
 _HOMES = {
@@ -71,7 +71,7 @@ _HOMES = {
     "profile": "calibration.profiling",
     "sample": "calibration.sampling",
     "save_result": "calibration.archive",
-    "simulation_check": "calibration.simulation_check",
+    "simulation_check": "calibration.ranks",
     "with_predictions": "calibration.posterior",
 }
 

@@ -9,7 +9,7 @@ from procmodel.chatter import CUTTING, detect, scores
 from procmodel.errors import InputError
 from procmodel.io.baselines import load_baselines
 from procmodel.io.records import read_record
-from tests.calibration import shapes_chatter as shapes
+from tests.calibration import labelled_cuts as shapes
 
 BAND = (200.0, 3500.0)
 HEADER = "file,label,spindle speed [1/min],tool"

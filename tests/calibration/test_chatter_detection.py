@@ -34,7 +34,7 @@ from procmodel.chatter import (
 from procmodel.errors import InputError
 from procmodel.io.baselines import load_baselines, save_baselines
 from procmodel.io.records import Record, open_record
-from tests.calibration.chatter_shapes import (
+from tests.calibration.chatter_recordings import (
     BAND,
     CHATTER_HZ,
     CHATTERS,

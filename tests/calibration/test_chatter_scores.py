@@ -10,10 +10,10 @@ import scipy.stats
 from calibration.chatter_arrays import NullLaw, arranged
 from calibration.chatter_cuts import CutScores
 from calibration.chatter_scores import fit_scores, score_problem
-from calibration.simulation_check import uniformity
+from calibration.ranks import uniformity
 from procmodel.chatter import null_threshold
 from procmodel.errors import InputError
-from tests.calibration import shapes_chatter as shapes
+from tests.calibration import labelled_cuts as shapes
 
 # One shape and one length of warm-up, so that most tests share what was compiled.
 COUNTS, WINDOWS = (5, 5, 2), 12

@@ -10,7 +10,7 @@ import scipy.stats
 from calibration import sample
 from calibration.electrode import GapData, GapPrior, gap_problem, measured_std
 from calibration.electrode_gap import GapPosterior, NormalMixture, fit_gap
-from calibration.simulation_check import uniformity
+from calibration.ranks import uniformity
 from procmodel.errors import InputError
 
 HOLE_SIGMA = measured_std(1.0) / math.sqrt(2.0)

@@ -10,7 +10,7 @@ import pytest
 
 from calibration.cli import main
 from procmodel.io.baselines import load_baselines
-from tests.calibration.chatter_shapes import (
+from tests.calibration.chatter_recordings import (
     CHATTER_HZ,
     CHATTERS,
     LENGTH,

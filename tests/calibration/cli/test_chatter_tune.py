@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from tests.calibration import shapes_chatter as shapes
+from tests.calibration import labelled_cuts as shapes
 
 COSTS = ("--false-alarm-cost", 1, "--miss-cost", 3)
 SETTINGS = ("--window", 512, "--band", 200, 3500)

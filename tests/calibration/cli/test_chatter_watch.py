@@ -16,7 +16,7 @@ import scipy.io
 from calibration.chatter_detection import air_cut_at
 from procmodel.chatter import detect
 from procmodel.io.baselines import load_baselines
-from tests.calibration.chatter_shapes import (
+from tests.calibration.chatter_recordings import (
     CHATTERS,
     LENGTH,
     RATE,

@@ -16,7 +16,7 @@ from calibration.plans.alarm_rule import (
     windows_within,
 )
 from procmodel.errors import InputError
-from tests.calibration import shapes_chatter as shapes
+from tests.calibration import labelled_cuts as shapes
 
 RULES = (AlarmRule(1, 1), AlarmRule(2, 5), AlarmRule(3, 5))
 

@@ -14,7 +14,7 @@ from calibration.plans.threshold_check import check_threshold, dealt, tallied
 from calibration.plans.threshold_cost import Choice, Costs, chosen_threshold
 from calibration.plans.window_law import window_law
 from procmodel.errors import InputError
-from tests.calibration import shapes_chatter as shapes
+from tests.calibration import labelled_cuts as shapes
 
 TRUTH = shapes.Truth(2.0, 1.2, 0.4, 0.2, 8.0, 0.3)
 COSTS = Costs(3.0, 1.0)

@@ -9,7 +9,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from calibration.chatter_detection import detect_record
 from calibration.chatter_trace import Trace
 from calibration.plots.chatter import draw_detection
-from tests.calibration.chatter_shapes import RATE, detector, recording
+from tests.calibration.chatter_recordings import RATE, detector, recording
 
 
 class Blocks:

@@ -6,7 +6,7 @@ import pytest
 import scipy.stats
 
 from calibration import Custom, Dataset, Normal, Parameter, Problem, simulation_check
-from calibration.simulation_check import uniformity
+from calibration.ranks import uniformity
 from procmodel.errors import InputError
 
 X = np.linspace(0.0, 4.0, 8)
