@@ -1,5 +1,6 @@
 """Settings of all tests: double precision, no compilation cache, patient hypothesis."""
 
+import gc
 import os
 import tomllib
 from pathlib import Path
@@ -17,7 +18,21 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
 settings.register_profile("procmodel", deadline=None, max_examples=30)
 settings.load_profile("procmodel")
 
+# Compiled code keeps pages mapped, and a process may have 65,530 of them: far more tests in one
+# process than these end in a crash.
+_MOST_PAGES = 20_000
+_PAGES = Path("/proc/self/maps")
+
 REFERENCE = Path(__file__).parent / "reference"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def bounded_compiled_code():
+    """Forget what was compiled, after a file of tests, before it is too much for the process."""
+    yield
+    if _PAGES.exists() and _PAGES.read_bytes().count(b"\n") > _MOST_PAGES:
+        jax.clear_caches()
+        gc.collect()
 
 
 @pytest.fixture(scope="session")
