@@ -17,6 +17,7 @@ PARTS = {
     "coverage": ("benchmarks.coverage", "Coverage of the 95 % intervals"),
     "process": ("benchmarks.process", "The command as a whole process"),
     "plan": ("benchmarks.plan", "Feed schedules"),
+    "slicing": ("benchmarks.slicing", "Solids in layers"),
     "path": ("benchmarks.engagement", "Engagement and corrected paths"),
     "chatter": ("benchmarks.chatter", "Chatter"),
     "electrode": ("benchmarks.electrode", "Paths of electrodes"),

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from math import floor
 from typing import Literal
 
+import numpy as np
+
 from procmodel.errors import InputError
 from procmodel.io.atomic import write_text
 from procmodel.io.gcode_template import FeedRate, GcodeTemplate, Millimetres
@@ -87,18 +89,67 @@ class Scanning:
     def __post_init__(self) -> None:
         if self.shape not in ("square", "circle"):
             raise InputError(f"shape '{self.shape}' is unknown: choose 'square' or 'circle'")
-        for name in ("electrode_radius", "scan_feed", "plunge_feed", "safe_height"):
-            value = getattr(self, name)
-            if not 0 < value < float("inf"):
-                raise InputError(f"{name} is {value:g}: give a number greater than zero")
-        if not 0 <= self.side_gap < float("inf"):
-            raise InputError(f"side_gap is {self.side_gap:g}: give zero or a positive number")
+        _check_settings(self)
         least = LEAST_OVERLAP_OF_SQUARES if self.shape == "square" else 0.0
         if not least <= self.overlap < 1:
             raise InputError(
                 f"overlap is {self.overlap:g}: give a share of the electrode's width from "
                 f"{least:.3g} to below 1, so that a {self.shape} is swept without islands"
             )
+
+
+@dataclass(frozen=True)
+class PolylineLayer:
+    """One layer of a cavity of any shape.
+
+    Attributes
+    ----------
+    number, cumulative_feed, half_width
+        As of a `ProgramLayer`.
+    runs : sequence of numpy.ndarray, each of shape (n, 2), um
+        Ways of the electrode's centre at depth, one after another; between them it is lifted. A
+        run of one point is a plunge.
+    quarter_turns : int
+        Quarter turns of the electrode about its axis, from how it was mounted.
+    """
+
+    number: int
+    cumulative_feed: float
+    half_width: float
+    runs: Sequence[np.ndarray]
+    quarter_turns: int = 0
+
+
+@dataclass(frozen=True)
+class PolylineScanning:
+    """How polylines are scanned; the fields are those of `Scanning`.
+
+    Attributes
+    ----------
+    shape : str
+        What the cavity is called in the header.
+    electrode_radius : float, um
+        Radius of a round electrode, half the side of a square one.
+    scan_feed, plunge_feed : float, mm/min
+        Feed rate along the passes and in Z.
+    side_gap, safe_height : float, um
+        Expected gap, and height for moves between the passes.
+
+    Raises
+    ------
+    InputError
+        If a value is out of its range; the text names it.
+    """
+
+    shape: str
+    electrode_radius: float
+    scan_feed: float
+    plunge_feed: float
+    side_gap: float = 0.0
+    safe_height: float = 1000.0
+
+    def __post_init__(self) -> None:
+        _check_settings(self)
 
 
 def write_program(
@@ -148,15 +199,7 @@ def program_text(
         width is not positive; the text names the layer.
     """
     _check_layers(layers)
-    common: dict[str, object] = {
-        "shape": scanning.shape.upper(),
-        "layer_count": len(layers),
-        "electrode_radius": _millimetres(scanning.electrode_radius),
-        "side_gap": _millimetres(scanning.side_gap),
-        "safe_z": _millimetres(scanning.safe_height),
-        "scan_feed": FeedRate(scanning.scan_feed),
-        "plunge_feed": FeedRate(scanning.plunge_feed),
-    }
+    common = _common_values(scanning, len(layers))
     blocks = [
         template.header.format_map(common),
         *(
@@ -166,6 +209,78 @@ def program_text(
         template.footer.format_map(common),
     ]
     return "\n".join(blocks) + "\n"
+
+
+def write_polyline_program(
+    path: str | os.PathLike[str],
+    template: GcodeTemplate,
+    layers: Sequence[PolylineLayer],
+    scanning: PolylineScanning,
+) -> None:
+    """Write the program to a file, completely or not at all; see `polyline_program_text`.
+
+    Raises
+    ------
+    InputError
+        As `polyline_program_text`, or if the file cannot be written.
+    """
+    write_text(path, polyline_program_text(template, layers, scanning))
+
+
+def polyline_program_text(
+    template: GcodeTemplate, layers: Sequence[PolylineLayer], scanning: PolylineScanning
+) -> str:
+    """Program that follows given polylines in every layer.
+
+    Parameters
+    ----------
+    template : GcodeTemplate
+        The words of the program. Every run of a layer is written as a layer of its own, with the
+        same number and Z.
+    layers : sequence of PolylineLayer
+        From the top downwards.
+    scanning : PolylineScanning
+        Electrode and feed rates.
+
+    Returns
+    -------
+    str
+        The program, in absolute millimetres, X and Y as in the polylines.
+
+    Raises
+    ------
+    InputError
+        As `program_text`, or if a layer has no run.
+    """
+    _check_layers(layers)
+    common = _common_values(scanning, len(layers))
+    blocks = [template.header.format_map(common)]
+    turns = 0
+    for layer in layers:
+        if not layer.runs:
+            raise InputError(f"layer {layer.number}: it has no way to follow: give one run or more")
+        if layer.quarter_turns != turns:
+            turns = layer.quarter_turns
+            words = {"number": layer.number, "quarter_turns": turns}
+            blocks.append(template.turn.format_map(common | words))
+        blocks += [_run_block(template, layer, run, common) for run in layer.runs]
+    blocks.append(template.footer.format_map(common))
+    return "\n".join(blocks) + "\n"
+
+
+def _run_block(
+    template: GcodeTemplate, layer: PolylineLayer, run: np.ndarray, common: dict[str, object]
+) -> str:
+    # As written, so that a move shorter than a written step is left out.
+    steps = np.round(np.asarray(run, float) * STEPS_PER_UM)
+    moved = np.append(True, np.any(np.diff(steps, axis=0) != 0, axis=1))
+    points = (steps[moved] / STEPS_PER_UM).tolist()
+    values = common | _layer_values(layer, *points[0])
+    if len(points) == 1:
+        passes = template.plunge.format_map(values)
+    else:
+        passes = "\n".join(_move(template.line, common, (x, y)) for x, y in points[1:])
+    return template.layer.format_map(values | {"passes": passes})
 
 
 def contour_offsets(half_width: float, electrode_radius: float, overlap: float) -> list[float]:
@@ -197,7 +312,16 @@ def contour_offsets(half_width: float, electrode_radius: float, overlap: float) 
     return [steps / STEPS_PER_UM for steps in offsets]
 
 
-def _check_layers(layers: Sequence[ProgramLayer]) -> None:
+def _check_settings(scanning: Scanning | PolylineScanning) -> None:
+    for name in ("electrode_radius", "scan_feed", "plunge_feed", "safe_height"):
+        value = getattr(scanning, name)
+        if not 0 < value < float("inf"):
+            raise InputError(f"{name} is {value:g}: give a number greater than zero")
+    if not 0 <= scanning.side_gap < float("inf"):
+        raise InputError(f"side_gap is {scanning.side_gap:g}: give zero or a positive number")
+
+
+def _check_layers(layers: Sequence[ProgramLayer | PolylineLayer]) -> None:
     if not layers:
         raise InputError("the program has no layer: give at least one")
     above = 0.0
@@ -230,7 +354,32 @@ def _layer_block(
 ) -> str:
     offsets = contour_offsets(layer.half_width, scanning.electrode_radius, scanning.overlap)
     start_x, start_y = _contour_start(scanning.shape, offsets[0])
-    values = common | {
+    values = common | _layer_values(layer, start_x, start_y)
+    if offsets == [0.0]:
+        passes = template.plunge.format_map(values)
+    else:
+        passes = "\n".join(_passes(template, scanning.shape, offsets, common, clockwise))
+    return template.layer.format_map(values | {"passes": passes})
+
+
+def _common_values(scanning: Scanning | PolylineScanning, layers: int) -> dict[str, object]:
+    """Fields that stand in every text."""
+    return {
+        "shape": scanning.shape.upper(),
+        "layer_count": layers,
+        "electrode_radius": _millimetres(scanning.electrode_radius),
+        "side_gap": _millimetres(scanning.side_gap),
+        "safe_z": _millimetres(scanning.safe_height),
+        "scan_feed": FeedRate(scanning.scan_feed),
+        "plunge_feed": FeedRate(scanning.plunge_feed),
+    }
+
+
+def _layer_values(
+    layer: ProgramLayer | PolylineLayer, start_x: float, start_y: float
+) -> dict[str, object]:
+    """Fields of one layer, or one run of it."""
+    return {
         "number": layer.number,
         "cumulative_feed": _millimetres(layer.cumulative_feed),
         "half_width": _millimetres(layer.half_width),
@@ -238,11 +387,6 @@ def _layer_block(
         "start_x": _millimetres(start_x),
         "start_y": _millimetres(start_y),
     }
-    if offsets == [0.0]:
-        passes = template.plunge.format_map(values)
-    else:
-        passes = "\n".join(_passes(template, scanning.shape, offsets, common, clockwise))
-    return template.layer.format_map(values | {"passes": passes})
 
 
 def _passes(

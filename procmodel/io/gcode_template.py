@@ -14,7 +14,7 @@ from string import Formatter
 from procmodel.errors import InputError
 from procmodel.io.textfile import read_utf8
 
-_WHOLE_NUMBERS = ("number", "layer_count", "pass_count")
+_WHOLE_NUMBERS = ("number", "layer_count", "pass_count", "quarter_turns")
 _WORDS = ("shape", "passes", "name", "moves")
 
 
@@ -55,6 +55,7 @@ SCANNING = TemplateKind(
         "layer": (*_EVERYWHERE, *_OF_LAYER, "passes"),
         "plunge": (*_EVERYWHERE, *_OF_LAYER),
         "line": (*_EVERYWHERE, "x", "y"),
+        "turn": (*_EVERYWHERE, "number", "quarter_turns"),
         "clockwise_arc": (*_EVERYWHERE, "x", "y", "i", "j"),
         "counterclockwise_arc": (*_EVERYWHERE, "x", "y", "i", "j"),
         "footer": _EVERYWHERE,
@@ -63,6 +64,7 @@ SCANNING = TemplateKind(
     needed={
         "layer": ("z", "start_x", "start_y", "passes"),
         "line": ("x", "y"),
+        "turn": ("quarter_turns",),
         "clockwise_arc": ("i", "j"),
         "counterclockwise_arc": ("i", "j"),
     },
@@ -102,6 +104,8 @@ class GcodeTemplate:
         What stands for the passes in a layer that the electrode fills alone.
     line : str
         One straight move.
+    turn : str
+        Turn of the electrode about its axis before a layer.
     clockwise_arc, counterclockwise_arc : str
         One full circle.
     """
@@ -110,6 +114,7 @@ class GcodeTemplate:
     layer: str
     plunge: str
     line: str
+    turn: str
     clockwise_arc: str
     counterclockwise_arc: str
     footer: str

@@ -16,10 +16,10 @@ from jax.typing import ArrayLike
 
 from procmodel.errors import InputError, nearest
 from procmodel.numerics import safe_sqrt
+from procmodel.wear.layer_bottoms import uniform_bottoms
 from procmodel.wear.sections import AnnulusSection, CircleSection, Section, SquareSection
 
 _LEVELS = {"top": 0.0, "middle": 0.5, "bottom": 1.0}
-_THIN_REMAINDER = 0.1
 
 
 class Solid(eqx.Module):
@@ -354,14 +354,7 @@ def slice_solid(
         raise InputError(
             f"depth {depth:g} um must be above 0 and at most {full:g} um, the solid's own."
         )
-    if not (math.isfinite(layer_depth) and 0 < layer_depth <= depth):
-        raise InputError(
-            f"layer depth {layer_depth:g} um must be above 0 and at most the depth {depth:g} um."
-        )
-    # A thin remainder is no layer of its own: the last layer becomes so much deeper.
-    count = max(1, math.ceil(depth / layer_depth - _THIN_REMAINDER))
-    bottom = np.minimum(np.arange(1, count + 1) * layer_depth, depth)
-    bottom[-1] = depth
+    bottom = uniform_bottoms(depth, layer_depth)
     thickness = np.diff(bottom, prepend=0.0)
     share = _LEVELS[solid.paper_level if level == "paper" else level]
     height = jnp.asarray(bottom - (1.0 - share) * thickness)

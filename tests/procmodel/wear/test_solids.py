@@ -153,7 +153,7 @@ def test_vertical_walls_and_other_sections():
         (lambda: slice_solid(TaperedSolid(5, math.pi / 2, SquareSection()), 1.0), "depth is miss"),
         (lambda: slice_solid(cone(10.0, 1.0), 1.0, depth=16.0), "at most 15.5741 um, the solid's"),
         (lambda: slice_solid(cone(10.0, 1.0), 1.0, depth=0.0), "depth 0 um must be above 0"),
-        (lambda: slice_solid(cone(10.0, 1.0), 0.0), "layer depth 0 um must be above 0"),
+        (lambda: slice_solid(cone(10.0, 1.0), 0.0), "layer depth 0 um gives no layer"),
         (lambda: slice_solid(cone(10.0, 1.0), 6.0, depth=5.0), "at most the depth 5 um"),
         (lambda: slice_solid(cone(10.0, 1.0), math.nan), "layer depth nan um"),
     ],
