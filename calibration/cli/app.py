@@ -23,8 +23,10 @@ from calibration.cli import (
     path_check,
     path_correct,
     wear_fit,
+    wear_fit_surface,
     wear_plan,
     wear_predict,
+    wear_simulate,
     wear_volume_ratio,
 )
 from procmodel import __version__
@@ -48,8 +50,10 @@ wear_app = typer.Typer(
 )
 app.add_typer(wear_app, name="wear")
 wear_app.command("fit")(wear_fit.fit_command)
+wear_app.command("fit-surface")(wear_fit_surface.fit_surface_command)
 wear_app.command("plan")(wear_plan.plan_command)
 wear_app.command("predict")(wear_predict.predict_command)
+wear_app.command("simulate")(wear_simulate.simulate_command)
 wear_app.command("volume-ratio")(wear_volume_ratio.volume_ratio_command)
 force_app = typer.Typer(
     help="Milling: the force coefficients of a tool in a material from measured forces.",

@@ -6,14 +6,18 @@ from typing import TYPE_CHECKING, Any
 
 from calibration.cli import console, options
 from calibration.cli import wear_plan_options as choices
+from calibration.cli.wear_given import section_of
 from calibration.cli.wear_plan_belief import believed_of
 from calibration.cli.wear_plan_cavity import Cavity, cavity_of_shape, cavity_of_solid
 from procmodel.errors import InputError
 
 if TYPE_CHECKING:
-    from calibration.plans.schedule import Schedule
+    from calibration.plans.levelling import LevellingPlan
+    from calibration.plans.schedule import Machine, Schedule
     from procmodel.wear import Solid, TargetLayers
 
+# How far a search through the simulation may raise the greatest feed of the exact schedule.
+_MOST_OF_START = 1.5
 Planner = Callable[..., "Schedule"]
 NO_PATHS = dict.fromkeys(
     (
@@ -78,18 +82,32 @@ def plan_command(
     no_to_and_fro: choices.NoToAndFro = False,
     no_alternate: choices.NoAlternate = False,
     no_inside_and_periphery: choices.NoInsideAndPeriphery = False,
+    levelling: choices.Levelling = 0,
+    refine: choices.Refine = None,
+    wear_mode: choices.WearModeName = "local",
+    spread_width: choices.SpreadWidth = None,
+    bottom_gap: choices.BottomGap = 0.0,
     preview: choices.Preview = None,
     plot: options.Plot = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Plan layers, feeds and scanning paths of a shape, a depth map or a solid (STL)."""
-    area = _electrode_area(electrode_diameter, electrode_area, electrode_side)
+    section = section_of(electrode_diameter, electrode_area, electrode_side)
+    area = section.area
     if not 0 <= gap < math.inf:
         raise InputError(f"--gap is {gap:g}, but must be 0 or more.")
-    if not optimise and (least_feed > 0 or greatest_feed < math.inf):
-        raise InputError("--least-feed and --greatest-feed need --optimise: exact feeds obey none.")
+    if not optimise and refine is None and (least_feed > 0 or greatest_feed < math.inf):
+        raise InputError(
+            "--least-feed and --greatest-feed need --optimise or --refine: exact feeds obey none."
+        )
     if gcode is not None and (shape == "table" or finish_thickness is not None):
         raise InputError("--gcode is written for one stage of a cavity that has an outline only.")
+    if levelling < 0 or (levelling and (finish_thickness is not None or len(layer_depth) > 1)):
+        raise InputError("--levelling is a number of passes, for one stage and one --layer-depth.")
+    if refine is not None and (levelling or finish_thickness is not None):
+        raise InputError("--refine is for one stage without --levelling: give one of them.")
+    if refine is None and (wear_mode != "local" or spread_width is not None or bottom_gap):
+        raise InputError("--wear-mode, --spread-width and --bottom-gap belong to --refine.")
     if template is not None and gcode is None:
         raise InputError("--template is given without --gcode, the program it is for: give both.")
     if (shape is None) == (solid is None):
@@ -100,10 +118,16 @@ def plan_command(
     from calibration.cli.runtime import prepare_jax
 
     prepare_jax()
-    from calibration.cli import wear_plan_output, wear_plan_paths, wear_plan_stages
+    from calibration.cli import (
+        wear_plan_output,
+        wear_plan_paths,
+        wear_plan_refine,
+        wear_plan_stages,
+    )
     from calibration.plans.layer_depth import compare_layer_depths
+    from calibration.plans.levelling import with_levelling
     from calibration.plans.schedule import Machine, Trade, exact_schedule, optimised_schedule
-    from procmodel.wear.layer_path import ElectrodeSection
+    from calibration.plans.simulated_schedule import SimulationSettings
     from procmodel.wear.scanning import ScanningRules
 
     believed, notes = believed_of(wear_ratio, fit, posterior, area)
@@ -118,12 +142,16 @@ def plan_command(
         cavity = cavity_of_shape(shape, radius, half_width, wall_angle, table, length, width)
     # A shape's own program, along arcs, unless something else was asked of the paths.
     changed = pattern is not None or no_to_and_fro or no_alternate or no_inside_and_periphery
-    asked = changed or paths is not None or preview is not None or cavity.solid is None
+    changed = changed or (levelling > 0 and (gcode is not None))
+    asked = (
+        changed
+        or refine is not None
+        or paths is not None
+        or preview is not None
+        or cavity.solid is None
+    )
     by_shape = not asked and scallop is None and electrode_side is None
     scanning = asked or (gcode is not None and not by_shape)
-    round_or_square = ElectrodeSection("round", 2.0 * math.sqrt(area / math.pi))
-    if electrode_side is not None:
-        round_or_square = ElectrodeSection("square", electrode_side)
 
     def plan(layers: "TargetLayers", ratio: Any = believed, electrode: float = area) -> "Schedule":
         if not optimise:
@@ -141,36 +169,67 @@ def plan_command(
         ratio = console.required(finish_wear_ratio, "--finish-wear-ratio", "--finish-thickness")
         finish = wear_plan_stages.Finish(finish_thickness, ratio, finish_area)
         notes += finish.cautions
-    compared, stages = [], []
-    if cavity.solid is None or scallop is not None or (scanning and finish is not None):
-        if len(layer_depth) > 1:
-            raise InputError(
-                "several --layer-depth are compared for shapes and tables without --scallop, and "
-                "not for two stages with paths: give one."
-            )
-        slices = cavity.slices(layer_depth[0], depth, level, scallop, resolution)
-        choice = narrow or ("refuse" if cavity.solid is None else "plunge")
-        stages = wear_plan_stages.of_slices(slices, round_or_square, gap, choice, finish)
-        schedules = [
-            plan(stages[0].layers),
-            *(plan(s.layers, s.wear_ratio, s.electrode.area) for s in stages[1:]),
-        ]
-    else:
-        compared = compare_layer_depths(cavity.solid, layer_depth, plan, trade, depth, level)
-        schedules = [compared[0].schedule]
-        if finish is not None:
-            schedules = _two_stages(cavity.solid, compared[0].layers, finish, plan)
-        if scanning:
-            stages = [
-                wear_plan_stages.of_shape(
-                    cavity, compared[0].layers, level, round_or_square, gap, narrow or "plunge"
+
+    def planned(thickness: list[float], depth: float | None) -> tuple[list, list, list]:
+        """Schedules of the stages, the stages that have an outline, and layer depths compared."""
+        compared: list[Any] = []
+        stages: list[Any] = []
+        if cavity.solid is None or scallop is not None or (scanning and finish is not None):
+            if len(thickness) > 1:
+                raise InputError(
+                    "several --layer-depth are compared for shapes and tables without "
+                    "--scallop, and not for two stages with paths: give one."
                 )
+            slices = cavity.slices(thickness[0], depth, level, scallop, resolution)
+            choice = narrow or ("refuse" if cavity.solid is None else "plunge")
+            stages = wear_plan_stages.of_slices(slices, section, gap, choice, finish)
+            schedules = [
+                plan(stages[0].layers),
+                *(plan(s.layers, s.wear_ratio, s.electrode.area) for s in stages[1:]),
             ]
+        else:
+            compared = compare_layer_depths(cavity.solid, thickness, plan, trade, depth, level)
+            schedules = [compared[0].schedule]
+            if finish is not None:
+                schedules = _two_stages(cavity.solid, compared[0].layers, finish, plan)
+            if scanning:
+                stages = [
+                    wear_plan_stages.of_shape(
+                        cavity, compared[0].layers, level, section, gap, narrow or "plunge"
+                    )
+                ]
+        return schedules, stages, compared
+
+    schedules, stages, compared = planned(layer_depth, depth)
+    passes = None
+    if levelling:
+        passes = _levelling(schedules[0], believed, area, levelling, machine)
+        end = float(schedules[0].layers.bottom[-1])
+        # The same layers and passes, so much thinner that they end at the depth asked for.
+        share = end / (end + passes.depth_added)
+        schedules, stages, compared = planned([layer_depth[0] * share], end * share)
+        passes = _levelling(schedules[0], believed, area, levelling, machine)
+        schedules = [with_levelling(schedules[0], passes, usable_length)]
+        stages = [stages[0].levelled(schedules[0], levelling)] if stages else []
     found: dict[str, Any] = dict(NO_PATHS)
     notes += [note for stage in stages for note in stage.notes]
     if scanning:
         scans = [stage.scanned(gap, rules, pattern or "contour") for stage in stages]
-        found = wear_plan_paths.summed_up(scans, schedules, scan_feed, plunge_feed)
+        if refine is not None:
+            # The bottom is to cut, not the side: no layer much deeper than those of eq. (3).
+            most = min(greatest_feed, _MOST_OF_START * float(max(schedules[0].feeds)))
+            bounds = (least_feed, most)
+            simulated = wear_plan_refine.refined(
+                scans[0], cavity, believed, schedules[0], machine, bounds,
+                SimulationSettings(
+                    refine, side_gap=gap, bottom_gap=bottom_gap, wear_mode=wear_mode,  # type: ignore[arg-type]
+                    spread_width=spread_width,
+                ),
+                quiet=as_json,
+            )  # fmt: skip
+            schedules = [simulated.as_schedule(schedules[0], machine)]
+            found["simulated"] = simulated.as_dict()
+        found |= wear_plan_paths.summed_up(scans, schedules, scan_feed, plunge_feed)
     if travel is not None:
         wear_plan_stages.require_travel(schedules, stages, travel)
     if out is not None:
@@ -197,18 +256,35 @@ def plan_command(
 
         save(draw_scanning(scans[0].slices, scans[0].paths, scans[0].electrode, gap), preview)
     result = wear_plan_output.as_dict(schedules, notes, compared)
+    if passes is not None:
+        result["levelling"] = {
+            "feeds": passes.feeds,
+            "tilt_before": passes.tilt_before,
+            "tilt": passes.tilt,
+            "tilt_limit": passes.tilt_limit,
+            "depth_added": passes.depth_added,
+            "status": passes.status,
+        }
     result |= {"layer_depth": compared[0].layer_depth if compared else layer_depth[0], **found}
     console.show(result, wear_plan_output.as_text(result), as_json)
 
 
-def _electrode_area(diameter: float | None, area: float | None, side: float | None) -> float:
-    if side is None:
-        return console.electrode_area(diameter, area)
-    if diameter is not None or area is not None:
-        raise InputError("--electrode-side is given with another size of the electrode: give one.")
-    if not (math.isfinite(side) and side > 0):
-        raise InputError(f"--electrode-side is {side:g}, but must be above 0.")
-    return side**2
+def _levelling(
+    schedule: "Schedule", believed: Any, area: float, passes: int, machine: "Machine"
+) -> "LevellingPlan":
+    """Levelling passes for the last layer of a schedule."""
+    from calibration.plans.belief import believed_wear_ratio
+    from calibration.plans.levelling import levelling_passes
+
+    ratios, _ = believed_wear_ratio(believed, area)
+    section = float(schedule.layers.area[-1])
+    wear = ratios * section / area
+    return levelling_passes(
+        float(schedule.feeds[-1]),
+        wear if len(wear) > 1 else float(wear[0]),
+        passes,
+        resolution=machine.resolution,
+    )
 
 
 def _two_stages(

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from calibration.cli import console
 from procmodel.errors import InputError, nearest
@@ -35,6 +35,8 @@ class Cavity:
         Slices of given bottoms and level; None for a table of areas, which has no outline.
     slopes : callable or None
         Slopes of the wall down to a depth.
+    target : Solid, SolidMesh, DepthMap or None
+        The wanted surface; None where only layers tell it.
     """
 
     name: str
@@ -42,6 +44,7 @@ class Cavity:
     solid: "Solid | None"
     cut: "Callable[[np.ndarray, str], Slices] | None"
     slopes: "Callable[[float], WallSlopes] | None"
+    target: Any = None
 
     def slices(
         self, layer_depth: float, depth: float | None, level: str, scallop: float | None,
@@ -133,7 +136,7 @@ def cavity_of_solid(
         except InputError as error:
             raise InputError(f"{path.name}: {error}") from None
 
-    return Cavity("solid", mesh.depth, None, cut, lambda depth: mesh_slopes(mesh, depth))
+    return Cavity("solid", mesh.depth, None, cut, lambda depth: mesh_slopes(mesh, depth), mesh)
 
 
 def cavity_of_shape(
@@ -200,6 +203,7 @@ def cavity_of_shape(
         solid,
         lambda bottoms, level: slices_of_solid(solid, bottoms, level),
         lambda depth: solid_slopes(solid, depth),
+        solid,
     )
 
 
@@ -241,6 +245,7 @@ def _map(table: Path) -> Cavity:
         None,
         cut,
         lambda depth: mesh_slopes(map_surface(depth_map), depth),
+        depth_map,
     )
 
 

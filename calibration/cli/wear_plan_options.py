@@ -162,3 +162,33 @@ NoInsideAndPeriphery = Annotated[
     bool,
     typer.Option("--no-inside-and-periphery", help="Do not cut inside and periphery in turn."),
 ]
+Levelling = Annotated[
+    int,
+    typer.Option(
+        "--levelling",
+        help="Passes with falling feeds after the last layer, which level its bottom; 0 for none.",
+    ),
+]
+Refine = Annotated[
+    float | None,
+    typer.Option(
+        "--refine",
+        help="Search the feeds through the simulation, on cells of this size [um]; see 'wear "
+        "simulate'.",
+    ),
+]
+WearModeName = Annotated[
+    str,
+    typer.Option(
+        "--wear-mode",
+        help="local (the electrode does not turn), rotating, spread with --spread-width, or "
+        "uniform: where on its bottom the electrode wears.",
+    ),
+]
+SpreadWidth = Annotated[
+    float | None,
+    typer.Option("--spread-width", help="How far wear is spread, standard deviation [um]."),
+]
+BottomGap = Annotated[
+    float, typer.Option("--bottom-gap", help="How far the bottom goes down before it cuts [um].")
+]

@@ -208,6 +208,14 @@ def as_text(result: dict[str, Any]) -> str:
             lines.append("touch-off pays" + _listed("    after layer", stage["touch_off_after"]))
         if stage["time"] is not None:
             lines.append(f"time              {stage['time'] / 60.0:.1f} min")
+    if "levelling" in result:
+        passes = result["levelling"]
+        feeds = ", ".join(f"{feed:g}" for feed in passes["feeds"])
+        lines.append(
+            f"levelling         passes fed {feeds} um take the tilt from "
+            f"{passes['tilt_before']:.3g} to {passes['tilt']:.3g} um (at most "
+            f"{passes['tilt_limit']:.3g})"
+        )
     if result["path_length_um"] is not None:
         lines.append(
             f"path              {result['path_length_um'] / 1000.0:.1f} mm, "

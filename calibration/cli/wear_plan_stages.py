@@ -1,8 +1,8 @@
 """Stages of `wear plan` that have an outline: layers that an electrode can make, and its paths."""
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -101,6 +101,8 @@ class Stage:
         Of a finishing stage.
     thickness : float or None [um]
         Ring that a finishing stage removes.
+    levelling : int
+        How many of the layers are levelling passes over the one before them.
     """
 
     slices: Slices
@@ -110,6 +112,40 @@ class Stage:
     notes: list[str]
     wear_ratio: float | None = None
     thickness: float | None = None
+    levelling: int = 0
+
+    def levelled(self, schedule: "Schedule", passes: int) -> "Stage":
+        """The stage with levelling passes behind its layers.
+
+        Parameters
+        ----------
+        schedule : Schedule
+            Layers and passes.
+        passes : int
+            How many of them are passes.
+
+        Returns
+        -------
+        Stage
+            The passes have the last layer's outline.
+        """
+        bottom = np.asarray(schedule.layers.bottom)[: len(self.slices) + passes]
+
+        def again(regions: "tuple[Any, ...]") -> "tuple[Any, ...]":
+            return (*regions, *regions[-1:] * passes)
+
+        slices = Slices(
+            bottom,
+            np.diff(bottom, prepend=0.0),
+            again(self.slices.regions),
+            self.slices.clipped,
+        )
+        reach = replace(
+            self.reach,
+            reachable=again(self.reach.reachable),
+            cleared=again(self.reach.cleared),
+        )
+        return replace(self, slices=slices, reach=reach, layers=schedule.layers, levelling=passes)
 
     def scanned(self, gap: float, rules: ScanningRules, pattern: str) -> Scan:
         """Paths of the layers, and what they leave standing.
@@ -140,6 +176,10 @@ class Stage:
                 finish_layer(region, self.thickness, self.electrode, gap, rules, n)
                 for n, region in enumerate(self.slices.regions, start=1)
             ]
+        # To and fro over one and the same path.
+        last = len(paths) - self.levelling - 1
+        for n in range(self.levelling):
+            paths[last + 1 + n] = paths[last + n].reversed()
         uncovered = reachable = unreachable = 0.0
         for path, region, cleared in zip(
             paths, self.slices.regions, self.reach.cleared, strict=True

@@ -5,7 +5,7 @@ fro with smaller and smaller feeds level it; which feeds, the derivative of the 
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import jax
@@ -14,9 +14,11 @@ import numpy as np
 from jax import Array
 
 from calibration.plans.belief import believed_values
+from calibration.plans.schedule import Schedule
 from calibration.solvers import box_lm
 from procmodel.errors import InputError
 from procmodel.precision import require_float64
+from procmodel.wear import TargetLayers
 from procmodel.wear.tilt import start_up_layers, tilted_layers
 
 PIECES = 100
@@ -40,8 +42,10 @@ class LevellingPlan:
         is believed of the wear.
     tilt_limit : float [um]
         The worst tilt after the passes over what is believed of the wear.
-    depth_added : float [um]
-        Mean depth that the passes add to the bottom; feed the layers so much less.
+    depths : ndarray, shape (p,) [um]
+        Mean depth of the bottom after every pass, below where it was before the first.
+    wear : ndarray, shape (p,) [um]
+        Electrode length lost in every pass.
     bottom_before, bottom : ndarray, shape (m,) [um]
         Depth along the path about its mean, before and after.
     status : str
@@ -52,10 +56,16 @@ class LevellingPlan:
     tilt_before: float
     tilt: float
     tilt_limit: float
-    depth_added: float
+    depths: np.ndarray
+    wear: np.ndarray
     bottom_before: np.ndarray
     bottom: np.ndarray
     status: str
+
+    @property
+    def depth_added(self) -> float:
+        """Mean depth that the passes add to the bottom [um]; feed the layers so much less."""
+        return float(self.depths[-1])
 
 
 def levelling_passes(
@@ -120,9 +130,10 @@ def levelling_passes(
             best = (worst, found, int(code) in box_lm.CONVERGED)
     worst, shares, converged = best
     middle = len(believed) // 2
-    before, after = (
-        np.asarray(values)[middle] for values in _bottoms(jnp.asarray(shares), arguments)
-    )
+    found = _levelled(jnp.asarray(shares), arguments)
+    # From before the first pass on.
+    bottoms, worn = (np.asarray(values)[middle, -passes - 1 :] for values in found)
+    before, after = bottoms[0], bottoms[-1]
     end = (
         "no feed inside the bounds levels better"
         if converged
@@ -133,10 +144,70 @@ def levelling_passes(
         tilt_before=feed * float(np.ptp(before)),
         tilt=feed * float(np.ptp(after)),
         tilt_limit=feed * worst,
-        depth_added=feed * float(after.mean() - before.mean()),
+        depths=feed * (bottoms[1:].mean(axis=1) - before.mean()),
+        wear=feed * worn[1:],
         bottom_before=feed * (before - before.mean()),
         bottom=feed * (after - after.mean()),
         status=f"{passes} levelling passes after {layers} steady layers: {end}",
+    )
+
+
+def with_levelling(
+    schedule: Schedule, passes: LevellingPlan, usable_length: float | None = None
+) -> Schedule:
+    """A schedule that goes on with levelling passes over its last layer.
+
+    Parameters
+    ----------
+    schedule : Schedule
+        The layers.
+    passes : LevellingPlan
+        For the last layer's feed and relative wear, in the machine's steps.
+    usable_length : float, optional [um]
+        Usable length of an electrode, as the schedule was planned with.
+
+    Returns
+    -------
+    Schedule
+        The passes stand behind the layers as thin layers of the last one's section, with the mean
+        depth that they reach as what is wanted.
+    """
+    layers, count = schedule.layers, len(passes.feeds)
+    bottom = np.concatenate([layers.bottom, float(layers.bottom[-1]) + passes.depths])
+
+    def again(values: Any) -> np.ndarray:
+        return np.concatenate([values, np.repeat(np.asarray(values)[-1:], count)])
+
+    fed = schedule.cumulative_feed
+    # Without a usable length what is left is counted from the need of the whole plan.
+    need = float(np.sum(passes.wear))
+    left = schedule.electrode_left + (need if usable_length is None else 0.0)
+    warnings = schedule.warnings
+    if usable_length is None:
+        warnings = (*warnings, f"the levelling passes need {need:.4g} um more of it")
+    if usable_length is not None and left[-1] < need:
+        warnings = (
+            *warnings,
+            f"the levelling passes wear {need:.4g} um off an electrode that has {left[-1]:.4g} um "
+            "left: change it before them and touch off anew",
+        )
+    return replace(
+        schedule,
+        layers=TargetLayers(
+            bottom=jnp.asarray(bottom),
+            thickness=jnp.asarray(np.diff(bottom, prepend=0.0)),
+            half_width=jnp.asarray(again(layers.half_width)),
+            area=jnp.asarray(again(layers.area)),
+        ),
+        feeds=np.concatenate([schedule.feeds, passes.feeds]),
+        cumulative_feed=np.concatenate([fed, fed[-1] + np.cumsum(passes.feeds)]),
+        depths=np.concatenate([schedule.depths, schedule.depths[-1] + passes.depths]),
+        depth_spread=again(schedule.depth_spread),
+        wear=np.concatenate([schedule.wear, passes.wear]),
+        electrode_left=np.concatenate([left, left[-1] - np.cumsum(passes.wear)]),
+        electrode_length_limit=schedule.electrode_length_limit + float(np.sum(passes.wear)),
+        status=f"{schedule.status}, and {count} levelling passes",
+        warnings=warnings,
     )
 
 
@@ -149,26 +220,22 @@ def _in_steps(shares: np.ndarray, step: float) -> np.ndarray:
 
 
 @jax.jit
-def _bottoms(shares: Array, arguments: tuple[Array, Array]) -> tuple[Array, Array]:
-    """Bottoms before and after the passes, for a feed of 1, shape (k, m) each."""
+def _levelled(shares: Array, arguments: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Bottoms after every layer and pass, shape (k, n, m), and wear in each, for a feed of 1."""
     believed, layers = arguments
     feeds = jnp.concatenate([layers, shares])
     forward = np.arange(len(layers) + len(shares)) % 2 == 0
-
-    def of(wear: Array) -> tuple[Array, Array]:
-        depth = tilted_layers(feeds, wear, forward, PIECES).depth
-        return depth[len(layers) - 1], depth[-1]
-
-    return jax.vmap(of)(believed)
+    found = jax.vmap(lambda wear: tilted_layers(feeds, wear, forward, PIECES))(believed)
+    return found.depth, found.wear
 
 
 def _tilts(shares: Array, arguments: tuple[Array, Array]) -> Array:
-    _, after = _bottoms(shares, arguments)
+    after = _levelled(shares, arguments)[0][:, -1]
     return jnp.max(after, axis=1) - jnp.min(after, axis=1)
 
 
 def _unevenness(shares: Array, arguments: tuple[Array, Array]) -> Array:
-    _, after = _bottoms(shares, arguments)
+    after = _levelled(shares, arguments)[0][:, -1]
     return (after - jnp.mean(after, axis=1, keepdims=True)).ravel()
 
 

@@ -23,6 +23,7 @@ from procmodel.io.gcode import (
 from procmodel.io.gcode_path import PathSettings, path_program_text, write_path_program
 from procmodel.io.gcode_reader import GcodeProgram, read_gcode
 from procmodel.io.gcode_template import GcodeTemplate, read_template
+from procmodel.io.height_maps import HeightMap, read_height_map
 from procmodel.io.plans import WrittenPath, WrittenPlan, read_paths, read_plan
 from procmodel.io.polyline import BulgePolyline, join_edges
 from procmodel.io.profiles import (
@@ -47,6 +48,7 @@ __all__ = [
     "ForceReadings",
     "GcodeProgram",
     "GcodeTemplate",
+    "HeightMap",
     "InputError",
     "Outline",
     "PathSettings",
@@ -73,6 +75,7 @@ __all__ = [
     "read_dxf",
     "read_forces",
     "read_gcode",
+    "read_height_map",
     "read_outline",
     "read_paths",
     "read_plan",

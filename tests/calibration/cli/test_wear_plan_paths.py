@@ -1,6 +1,7 @@
 """`wear plan` with solids, slots and maps, and its scanning paths."""
 
 import csv
+import itertools
 import math
 import re
 
@@ -234,3 +235,26 @@ def test_faulty_solids_are_named(frustum, tmp_path, run):
     code, _, err = run(*common, "--solid", frustum, "--depth", 200)
     assert code == 2
     assert "at most 150 um" in err
+
+
+def test_levelling_passes_go_to_and_fro_over_the_last_layer(tmp_path, run_json, run):
+    box = ["--shape", "pyramid", "--half-width", 100, "--wall-angle", 90, "--depth", 30]
+    out, paths = tmp_path / "plan.csv", tmp_path / "paths.csv"
+    options = (*PLAN, *box, "--layer-depth", 3, *ELECTRODE)
+    found = run_json(*options, "--levelling", 3, "--out", out, "--paths", paths)
+    passes = found["levelling"]
+    assert passes["tilt"] < 0.2 * passes["tilt_before"]
+    assert np.all(np.diff(passes["feeds"]) < 0)
+    plan, ways = read(out), read(paths)
+    assert found["layers"] == 13 and len(plan["feed [um]"]) == 13
+    np.testing.assert_allclose(plan["feed [um]"][-3:], passes["feeds"])
+    assert plan["target z [um]"][-1] == pytest.approx(30.0, abs=0.05)
+    np.testing.assert_allclose(np.diff(plan["cumulative feed [um]"][-4:]), passes["feeds"])
+    corners = [
+        np.column_stack([ways["x [um]"], ways["y [um]"]])[ways["layer [1]"] == n]
+        for n in (10, 11, 12, 13)
+    ]
+    for one, next_one in itertools.pairwise(corners):
+        np.testing.assert_array_equal(one, next_one[::-1])
+    code, _, err = run(*options, "--levelling", 2, "--layer-depth", 5)
+    assert code == 2 and "one --layer-depth" in err
