@@ -30,7 +30,9 @@ def measured(tmp_path):
     return tmp_path
 
 
-SCRIPTS = ("plan", "own model", "many fits", "derivative", "tool path", "chatter", "electrode")
+SCRIPTS = (
+    "plan", "own model", "many fits", "derivative", "cavity", "tool path", "chatter", "electrode",
+)  # fmt: skip
 
 
 def test_every_script_is_known():
