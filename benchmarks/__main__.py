@@ -18,6 +18,7 @@ PARTS = {
     "process": ("benchmarks.process", "The command as a whole process"),
     "plan": ("benchmarks.plan", "Feed schedules"),
     "slicing": ("benchmarks.slicing", "Solids in layers"),
+    "zmap": ("benchmarks.zmap", "Electrode and cavity wearing each other"),
     "path": ("benchmarks.engagement", "Engagement and corrected paths"),
     "chatter": ("benchmarks.chatter", "Chatter"),
     "electrode": ("benchmarks.electrode", "Paths of electrodes"),

@@ -28,8 +28,9 @@ from procmodel.wear.zmap_wear import WearMode
 
 FeedLaw = Literal["layer", "linear", "fixed-length"]
 FEED_LAWS = ("layer", "linear", "fixed-length")
-# Parts into which a run is cut, after each of which its state may be kept.
-_PARTS = 25
+# Parts into which a run is cut, after each of which its state may be kept, and blocks of a part,
+# after each of which progress is told.
+_PARTS, _BLOCKS = 8, 4
 _BALANCE = ("removed", "worn", "swept_area", "greatest_loss")
 # Of what is believed of the wear ratio: the middle, and the ends of its 95 % range.
 _LEVELS = (0.5, 0.025, 0.975)
@@ -107,8 +108,8 @@ class CutCavity:
     low, high : ndarray, shape (nx, ny), or None [um]
         Depth at the ends of that range: a greater wear ratio cuts less deep.
     cell_updates_per_second : float or None
-        Speed: steps times cells of the electrode in a second, compilation apart; None where all
-        that was cut was compiled for.
+        Speed: steps times cells of the electrode in a second, in the middle of all blocks, so that
+        compilation does not count; None where there was one block alone.
     notes : tuple of str
         What to know about the belief, as sentences.
     """
@@ -252,12 +253,11 @@ def cut_cavity(
 
 
 class _Clock:
-    """Times the parts of runs, but for the first of each size, which is compiled for."""
+    """Times the blocks of runs; the middle of them is no block that was compiled for."""
 
     def __init__(self, task: CavityTask):
         self._cells = np.concatenate([[0], np.cumsum(task.steps.counts)]) * task.electrode.width**2
-        self._known: set[int] = set()
-        self._seconds, self._counted = 0.0, 0
+        self._speeds: list[float] = []
         self.start()
 
     def start(self) -> None:
@@ -265,18 +265,16 @@ class _Clock:
 
     def after(self, done: int) -> None:
         now = time.perf_counter()
-        size = done - self._done
         # Where a run begins is not known when it goes on from a file.
-        if self._done >= 0 and size in self._known:
-            self._seconds += now - self._since
-            self._counted += int(self._cells[done] - self._cells[self._done])
-        self._known.add(size)
+        if self._done >= 0 and now > self._since:
+            cells = int(self._cells[done] - self._cells[self._done])
+            self._speeds.append(cells / (now - self._since))
         self._since, self._done = now, done
 
     @property
     def speed(self) -> float | None:
         """Cell updates per second; None when nothing was timed."""
-        return self._counted / self._seconds if self._counted else None
+        return float(np.median(self._speeds)) if self._speeds else None
 
 
 def _cut(
@@ -288,11 +286,9 @@ def _cut(
     at = _loaded(task, kept)
     done = 0 if at is None else len(np.asarray(at.removed))
     while True:
-        stop = min(done + part, total)
-        steps = task.steps.layers(0, stop)
         at = simulate_layers(
-            steps,
-            task.feeds[:stop, : steps.x.shape[1]],
+            task.steps,
+            task.feeds,
             task.electrode,
             task.workpiece,
             wear_ratio,
@@ -300,13 +296,14 @@ def _cut(
             bottom_gap=task.bottom_gap,
             wear_mode=task.wear_mode,
             spread_width=task.spread_width,
-            block=part,
+            block=max(1, part // _BLOCKS),
+            progress=lambda done, _: tell(done),
             resume=at,
+            until=done + part,
         )
-        done = len(np.asarray(at.removed))
-        at = dataclasses.replace(at, planned=total)
-        tell(done)
-        ended = done >= total or bool(at.stopped) or bool(at.used_up)
+        before, done = done, len(np.asarray(at.removed))
+        # Less than was asked for: an interrupt, or the electrode is used up.
+        ended = done >= total or done < before + part
         if kept is not None and (ended or kept.due):
             kept.save(_state(at))
         if ended:

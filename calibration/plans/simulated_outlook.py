@@ -124,7 +124,7 @@ class Foresight:
         def run(feeds: Array, ratios: Array) -> tuple[Array, Array, Array]:
             def at(ratio: Array) -> tuple[Array, Array, Array]:
                 cut = model.cut(feeds, ratio, **more)
-                return cut.depth, jnp.cumsum(cut.layer_depth), cut.greatest_loss
+                return cut.depth, jnp.cumsum(cut.layer_depth), jnp.asarray(cut.greatest_loss)
 
             return lax.map(at, ratios)
 
