@@ -152,7 +152,9 @@ def previous_pass(
     -------
     BackwardPass
         Path and surface. Of all surfaces that cut nowhere deeper than wanted it is the deepest, so
-        no other one has less overshoot anywhere.
+        no other one has less overshoot anywhere. Where the wanted surfaces cross themselves or one
+        another nothing fits all of the path: some places beside the crossing are then engaged less
+        than wanted, never a wall cut into.
 
     Raises
     ------

@@ -114,8 +114,9 @@ def parallel(contours: Sequence[Contour], distance: float) -> Parallel:
     pieces = _parts(raw, owner, begin, end)
     kept = _far_enough(pieces, _runs(run[owner], begin, same), base, distance, same)
     kept &= ~_covered_twice(pieces, kept, same)
-    # What is shorter than the distance within which ends are joined is no piece of its own.
-    kept &= np.hypot(*(pieces.end - pieces.start).T) > 10.0 * same
+    # What is shorter than half the distance within which ends are joined is no piece of its own:
+    # its direction is rounding, and at a vertex it would hide the turn.
+    kept &= np.hypot(*(pieces.end - pieces.start).T) > 20.0 * same
     pieces, owner, begin, end = pieces[kept], owner[kept], begin[kept], end[kept]
     pairs = _neighbours(pieces, 40.0 * same)
     if not caps:

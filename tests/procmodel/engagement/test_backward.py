@@ -212,6 +212,8 @@ def no_gouge(walls, paths, found, radius):
     assert swept.difference(inside).area <= allowed
     assert left.difference(inside).area <= allowed
     assert swept.difference(left).area <= allowed
+    if not in_good_order(found.wanted):
+        return  # nothing fits both sides of a crossing, and less engagement beside it is told of
     # The rim of this pass at the wanted angle and its whole wall side stay in the stock: nowhere
     # along the path is it engaged less than wanted, as seen by points of the wanted curve.
     wanted = [p for c in found.wanted for p in (stations(c, 0.05 * radius).point)]
@@ -219,6 +221,12 @@ def no_gouge(walls, paths, found, radius):
     shapely.prepare(deep)
     points = np.asarray(wanted)
     assert not np.any(shapely.contains_xy(deep, points[:, 0], points[:, 1]))
+
+
+def in_good_order(wanted):
+    """Whether wanted surfaces cross neither themselves nor one another."""
+    rings = [LineString([*p, p[0]]) for p in map(sampled, wanted)]
+    return MultiLineString(rings).is_simple
 
 
 def checked(walls, angle, radius, previous):
@@ -230,9 +238,7 @@ def checked(walls, angle, radius, previous):
             # What is wanted at one place may be in the way of what is wanted at another. Then it is
             # said that nothing fits both; for a wanted surface in good order that is no answer.
             assert "no room" in str(error) or "does not close" in str(error)
-            wanted = [wanted_surface(path, angle, radius) for path in paths]
-            rings = [LineString([*p, p[0]]) for p in map(sampled, wanted)]
-            assert not MultiLineString(rings).is_simple
+            assert not in_good_order([wanted_surface(path, angle, radius) for path in paths])
         return None
     no_gouge(walls, paths, found, radius)
     for path in paths:
