@@ -222,6 +222,8 @@ def cut_cavity(
         gaps = (task.side_gap, task.bottom_gap)
         Settings(task.electrode, float(ratio), *gaps, task.wear_mode, task.spread_width)
     total = len(task.steps.x) * len(ratios)
+    if kept is not None:
+        kept.load()
     clock = _Clock(task)
     with reporting(progress) as bar:
         bar.compiling("layers")

@@ -30,6 +30,8 @@ _FRAME = ("zero", "tilt_x", "tilt_y", "shift_x", "shift_y")
 UNKNOWN = _CUT + _FRAME
 # Of the electrode: a wider spread is even wear.
 _EVEN = 20.0
+# Of the depth of the map: what a cavity cut along other paths leaves, and noise does not.
+_MISS = 0.1
 
 
 class HeightReadings(Protocol):
@@ -179,6 +181,14 @@ class SurfaceFit:
             notes.append(
                 "side_gap is told by the walls, where an instrument that rounds edges moves it"
             )
+        depth = float(np.ptp(self.depth))
+        misses = float(np.std(np.concatenate(list(self.result.residuals.values()))))
+        if misses > _MISS * depth:
+            notes.append(
+                f"the simulated cavity misses the map by {misses:.3g} um in a depth of {depth:.4g} "
+                "um: check that paths, feeds, electrode and wear mode are those of this cavity, "
+                "and do not plan on this fit"
+            )
         if self.left_out:
             notes.append(f"{self.left_out} readings lie beyond the simulated map and were left out")
         return tuple(notes)
@@ -301,7 +311,8 @@ def _parameters(
         value = float(start.get(name, usual))
         if not low <= value <= high:
             raise InputError(
-                f"start of {name} is {value:g} {unit}, but must lie from {low:g} to {high:g}."
+                f"start of {name} is {f'{value:g} {unit}'.strip()}, but must lie from {low:g} to "
+                f"{high:g}."
             )
         transform = "log" if name == "spread_width" else "identity"
         parameters[name] = Parameter(value, unit, (low, high), transform=transform, fixed=fixed)

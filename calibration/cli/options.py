@@ -30,7 +30,9 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object and 
 Plot = Annotated[Path | None, typer.Option("--plot", help="Write a picture here (PNG, SVG, PDF).")]
 
 
-def check_outputs(*files: Path | None, plot: Path | None = None) -> None:
+def check_outputs(
+    *files: Path | None, plot: Path | None = None, inputs: tuple[Path | None, ...] = ()
+) -> None:
     """Refuse outputs that cannot be written before any work is done.
 
     Parameters
@@ -39,17 +41,24 @@ def check_outputs(*files: Path | None, plot: Path | None = None) -> None:
         Files to write.
     plot : Path, optional
         Picture to write.
+    inputs : tuple of Path, optional
+        Files that are read, and must not be written over.
 
     Raises
     ------
     InputError
-        If one of them cannot be written, two are the same, or the picture has no known ending.
+        If one of them cannot be written, two are the same, one is read as well, or the picture has
+        no known ending.
     """
     from procmodel.io import check_target  # loads NumPy
 
     if plot is not None and plot.suffix.lower() not in PICTURES:
         raise InputError(f"{plot.name}: a picture ends in {', '.join(PICTURES)}: rename it.")
     targets = [check_target(file) for file in (*files, plot) if file is not None]
+    read = [file.resolve() for file in inputs if file is not None]
+    for target in targets:
+        if target.resolve() in read:
+            raise InputError(f"{target.name} is read and would be written over: name another.")
     for i, target in enumerate(targets):
         if target in targets[:i]:
             raise InputError(f"{target.name} is named for two outputs: give each its own file.")

@@ -89,7 +89,7 @@ def fit_surface_command(
             raise InputError(f"{name} is {value:g}, but must be above 0.")
     if gap is not None and not 0 <= gap < math.inf:
         raise InputError(f"--gap is {gap:g}, but must be 0 or more.")
-    options.check_outputs(out)
+    options.check_outputs(out, inputs=(height_map, paths))
     section = section_of(electrode_diameter, electrode_area, electrode_side)
     measured = read_height_map(height_map)
     if noise is not None and measured.sigma is not None:

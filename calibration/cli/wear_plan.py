@@ -9,13 +9,14 @@ from calibration.cli import wear_plan_options as choices
 from calibration.cli.wear_given import section_of
 from calibration.cli.wear_plan_belief import believed_of
 from calibration.cli.wear_plan_cavity import Cavity, cavity_of_shape, cavity_of_solid
-from procmodel.errors import InputError
+from procmodel.errors import InputError, nearest
 
 if TYPE_CHECKING:
     from calibration.plans.levelling import LevellingPlan
     from calibration.plans.schedule import Machine, Schedule
     from procmodel.wear import Solid, TargetLayers
 
+LEVELS = ("paper", "top", "middle", "bottom")
 # How far a search through the simulation may raise the greatest feed of the exact schedule.
 _MOST_OF_START = 1.5
 Planner = Callable[..., "Schedule"]
@@ -112,8 +113,19 @@ def plan_command(
         raise InputError("--template is given without --gcode, the program it is for: give both.")
     if (shape is None) == (solid is None):
         raise InputError("give either --shape or --solid, one of the two.")
-    options.check_outputs(out, paths, gcode, plot=plot)
-    options.check_outputs(out, paths, gcode, plot, plot=preview)
+    if level not in LEVELS:
+        raise InputError(f"--level is {level!r}{nearest(level, LEVELS)}.")
+    if undercut not in ("refuse", "clip"):
+        raise InputError(f"--undercut is {undercut!r}, but must be refuse or clip.")
+    for name, value in (("--scallop", scallop), ("--refine", refine), ("--scan-feed", scan_feed),
+                        ("--plunge-feed", plunge_feed)):  # fmt: skip
+        if value is not None and not (math.isfinite(value) and value > 0):
+            raise InputError(f"{name} is {value:g}, but must be above 0.")
+    if (wear_mode == "spread") != (spread_width is not None):
+        raise InputError("--wear-mode spread and --spread-width go together: give both or none.")
+    read = (table, solid, fit, posterior, template)
+    options.check_outputs(out, paths, gcode, plot=plot, inputs=read)
+    options.check_outputs(out, paths, gcode, plot, plot=preview, inputs=read)
 
     from calibration.cli.runtime import prepare_jax
 
@@ -213,6 +225,7 @@ def plan_command(
         stages = [stages[0].levelled(schedules[0], levelling)] if stages else []
     found: dict[str, Any] = dict(NO_PATHS)
     notes += [note for stage in stages for note in stage.notes]
+    notes += cavity.missed_floors([float(z) for z in schedules[-1].layers.bottom])
     if scanning:
         scans = [stage.scanned(gap, rules, pattern or "contour") for stage in stages]
         if refine is not None:
@@ -220,7 +233,7 @@ def plan_command(
             most = min(greatest_feed, _MOST_OF_START * float(max(schedules[0].feeds)))
             bounds = (least_feed, most)
             simulated = wear_plan_refine.refined(
-                scans[0], cavity, believed, schedules[0], machine, bounds,
+                scans[0], stages[0].reach, cavity, believed, schedules[0], machine, bounds,
                 SimulationSettings(
                     refine, side_gap=gap, bottom_gap=bottom_gap, wear_mode=wear_mode,  # type: ignore[arg-type]
                     spread_width=spread_width,

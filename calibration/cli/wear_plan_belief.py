@@ -7,6 +7,9 @@ from typing import Any
 
 from procmodel.errors import InputError
 
+# Above this a wear ratio is a percentage, or workpiece over electrode.
+_LARGEST = 10.0
+
 
 def believed_of(
     wear_ratio: float | None, fit: Path | None, posterior: Path | None, area: float
@@ -38,7 +41,13 @@ def believed_of(
     if sum(given) != 1:
         raise InputError("give one of --wear-ratio, --fit and --posterior.")
     if wear_ratio is not None:
-        return wear_ratio, []
+        if not 0.0 <= wear_ratio <= _LARGEST:
+            raise InputError(
+                f"--wear-ratio is {wear_ratio:g}, but must be from 0 to {_LARGEST:g}: the "
+                "electrode's volume lost over the workpiece's removed, not in percent."
+            )
+        notes = ["a wear ratio of 0 is an electrode that does not wear"] if wear_ratio == 0 else []
+        return wear_ratio, notes
     if posterior is not None:
         return _read_posterior(posterior), []
     assert fit is not None

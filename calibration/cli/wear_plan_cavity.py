@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     from procmodel.wear.slicing import Slices
     from procmodel.wear.slicing_layers import WallSlopes
 
+# Meshes come in single precision, and plans with six decimals.
+_SAME_DEPTH = 1e-6
+# How far from the end of a layer a level floor may lie [um].
+_NEAR_FLOOR = 0.05
 SHAPES = ("pyramid", "cone", "hemisphere", "slot", "table", "map")
 
 
@@ -37,6 +41,8 @@ class Cavity:
         Slopes of the wall down to a depth.
     target : Solid, SolidMesh, DepthMap or None
         The wanted surface; None where only layers tell it.
+    flats : tuple of float [um]
+        Depths of level floors, where a mesh tells them.
     """
 
     name: str
@@ -45,6 +51,7 @@ class Cavity:
     cut: "Callable[[np.ndarray, str], Slices] | None"
     slopes: "Callable[[float], WallSlopes] | None"
     target: Any = None
+    flats: tuple[float, ...] = ()
 
     def slices(
         self, layer_depth: float, depth: float | None, level: str, scallop: float | None,
@@ -84,11 +91,12 @@ class Cavity:
                 "'map', or leave out the options of paths and of --scallop."
             )
         depth = self.full_depth if depth is None else depth
-        if math.isfinite(depth) and depth > self.full_depth * (1 + 1e-9):
+        if math.isfinite(depth) and depth > self.full_depth * (1 + _SAME_DEPTH):
             raise InputError(
                 f"depth {depth:g} um must be above 0 and at most {self.full_depth:g} um, the "
                 f"{self.name}'s own."
             )
+        depth = min(depth, self.full_depth)
         if scallop is None:
             bottoms = uniform_bottoms(depth, layer_depth)
         else:
@@ -96,6 +104,54 @@ class Cavity:
                 self.slopes(depth), scallop, layer_depth, min(least, layer_depth)
             )
         return self.cut(bottoms, level)
+
+    def missed_floors(self, bottoms: list[float]) -> list[str]:
+        """What to note of level floors at which no layer ends, bottoms in um."""
+        missed = [
+            z
+            for z in self.flats
+            if z < bottoms[-1] and min(abs(z - b) for b in bottoms) > _NEAR_FLOOR
+        ]
+        if not missed:
+            return []
+        near = min(bottoms, key=lambda b: abs(b - missed[0]))
+        return [
+            f"the part has a level floor at {missed[0]:g} um, where no layer ends: it comes out "
+            f"near {near:g} um; choose a layer depth that divides it"
+        ]
+
+    def planned(self, bottoms: "np.ndarray", level: str, name: str) -> "Slices":
+        """The cavity in the layers of a written plan.
+
+        Parameters
+        ----------
+        bottoms : ndarray, shape (n,) [um]
+            Depth of the bottom of every layer.
+        level : str
+            Where a layer takes its section.
+        name : str
+            Of the plan's file, for the errors.
+
+        Returns
+        -------
+        Slices
+            The layers.
+
+        Raises
+        ------
+        InputError
+            If the cavity has no outline or is not as deep.
+        """
+        if self.cut is None:
+            raise InputError("a table of areas has no outline to scan: give a shape or a --solid.")
+        if bottoms[-1] > self.full_depth * (1 + _SAME_DEPTH):
+            raise InputError(
+                f"{name} plans a depth of {bottoms[-1]:g} um, but the {self.name} is "
+                f"{self.full_depth:g} um deep: give the cavity that was planned."
+            )
+        import numpy as np
+
+        return self.cut(np.minimum(bottoms, self.full_depth), level)
 
 
 def cavity_of_solid(
@@ -126,7 +182,7 @@ def cavity_of_solid(
     """
     from procmodel.io import read_solid
     from procmodel.wear.slicing import slice_mesh
-    from procmodel.wear.slicing_layers import mesh_slopes
+    from procmodel.wear.slicing_layers import level_floors, mesh_slopes
 
     mesh = read_solid(path, unit, travel=travel)
 
@@ -136,7 +192,8 @@ def cavity_of_solid(
         except InputError as error:
             raise InputError(f"{path.name}: {error}") from None
 
-    return Cavity("solid", mesh.depth, None, cut, lambda depth: mesh_slopes(mesh, depth), mesh)
+    return Cavity("solid", mesh.depth, None, cut, lambda depth: mesh_slopes(mesh, depth), mesh,
+                  level_floors(mesh))  # fmt: skip
 
 
 def cavity_of_shape(

@@ -11,10 +11,12 @@ from calibration.plans.simulated_schedule import (
     simulated_schedule,
 )
 from calibration.progress import reporting
+from procmodel.wear.slicing import Reach
 
 
 def refined(
     scan: Scan,
+    reach: Reach,
     cavity: Cavity,
     wear_ratio: Any,
     schedule: Schedule,
@@ -29,6 +31,8 @@ def refined(
     ----------
     scan : Scan
         Paths of the only stage.
+    reach : Reach
+        What the electrode makes of it: what it cannot reach does not count.
     cavity : Cavity
         What is wanted.
     wear_ratio : float, FitResult, xarray.DataTree or ndarray
@@ -66,5 +70,6 @@ def refined(
             settings,
             machine,
             feed_bounds=feed_bounds,
+            spared=scan.slices.out_of_reach(reach),
             progress=lambda done, _: bar.running("search", done, settings.evaluations),
         )

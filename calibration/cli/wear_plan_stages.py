@@ -347,6 +347,12 @@ def _fitted(slices: Slices, electrode: ElectrodeSection, gap: float, narrow: str
             f"{_counted(reach.narrow)} narrower than the electrode with its gap: a single plunge "
             "there cuts more than wanted"
         )
+    closed = slices.closed_passages(reach, electrode)
+    if closed:
+        notes.append(
+            "passages that the electrode does not fit through stay uncut from layer "
+            f"{closed[0]} on: take a thinner one"
+        )
     if reach.lost:
         notes.append(
             f"{_counted(reach.lost)} partly narrower than the electrode with its gap: those parts "

@@ -20,10 +20,15 @@ if TYPE_CHECKING:
     from calibration.wear_simulation import CutCavity
     from procmodel.io import WrittenPlan
     from procmodel.wear.layer_path import ElectrodeSection, LayerPath
-    from procmodel.wear.slicing import Slices
+    from procmodel.wear.slicing import Reach, Slices
     from procmodel.wear.surface_error import SurfaceError
     from procmodel.wear.zmap_maps import WorkpieceMap
 
+# What a map may cost: more cells than this do not fit into memory with all that goes with them.
+_MOST_CELLS = 2e7
+_STOPPED = 130
+# Median difference of the areas beyond which plan and cavity do not belong together.
+_OTHER_PART = 0.25
 # Cells at the wall are no bottom: the side gap and the corner of the tip are seen there.
 _RIM = 1.5
 
@@ -35,7 +40,7 @@ class _Job:
     plan: "WrittenPlan"
     slices: "Slices"
     paths: "list[LayerPath]"
-    electrode: "ElectrodeSection"
+    reach: "Reach"
     notes: list[str]
 
 
@@ -115,7 +120,12 @@ def simulate_command(
     scanned = no_to_and_fro or no_alternate or no_inside_and_periphery or pattern is not None
     if paths is not None and scanned:
         raise InputError("--paths brings the scanning with it: leave out the options of scanning.")
-    options.check_outputs(out, checkpoint, plot=plot)
+    if out is not None and out.suffix.lower() != ".nc":
+        raise InputError(f"{out.name}: the maps are written as netCDF: let the name end in .nc.")
+    if (wear_mode == "spread") != (spread_width is not None):
+        raise InputError("--wear-mode spread and --spread-width go together: give both or none.")
+    read = (plan, paths, table, solid, fit, posterior)
+    options.check_outputs(out, checkpoint, plot=plot, inputs=read)
 
     from calibration.cli.runtime import prepare_jax
 
@@ -124,7 +134,7 @@ def simulate_command(
     from procmodel.io import read_plan
     from procmodel.wear.path_steps import path_steps
     from procmodel.wear.scanning import ScanningRules
-    from procmodel.wear.surface_error import surface_error
+    from procmodel.wear.surface_error import cleared_cells, surface_error
     from procmodel.wear.target_map import target_map
     from procmodel.wear.zmap_maps import ElectrodeMap, WorkpieceMap
 
@@ -139,6 +149,7 @@ def simulate_command(
     believed, notes = believed_of(wear_ratio, fit, posterior, section.area)
     job.notes.extend(notes)
 
+    _require_affordable(job.paths, section, cell)
     steps = path_steps(job.paths, cell if step is None else step)
     electrode = ElectrodeMap(
         section, cell, reach=gap, usable_length=math.inf if usable_length is None else usable_length
@@ -151,9 +162,20 @@ def simulate_command(
     # The surface that is wanted is the part itself, or the staircase where only that is known.
     wanted = job.slices if cavity.target is None else cavity.target
     target = target_map(wanted, workpiece, float(job.plan.bottom[-1]))
-    cut = cut_cavity(task, believed, checkpoint=checkpoint, resume=resume, progress=not as_json)
-    bottom = _bottom(job, gap, workpiece)
+    go_on = "" if checkpoint is None else "; run again with --resume"
+    try:
+        cut = cut_cavity(task, believed, checkpoint=checkpoint, resume=resume, progress=not as_json)
+    except KeyboardInterrupt:
+        console.say(f"procmodel: stopped; nothing more was written{go_on}.")
+        raise typer.Exit(_STOPPED) from None
+    if len(cut.simulated.removed) == 0:
+        console.say(f"procmodel: {cut.simulated.status}")
+        raise typer.Exit(_STOPPED)
+    bottom = _bottom(job, workpiece)
     error = surface_error(cut.depth, target, bottom=bottom)
+    reached = surface_error(
+        cut.depth, target, cleared_cells(cut.depth, target) & ~_spared(job, workpiece), bottom
+    )
     if out is not None:
         save_cavity(out, cut, target)
     if plot is not None:
@@ -163,7 +185,7 @@ def simulate_command(
         from calibration.plots.figures import save
 
         save(draw_cavity(cut, target, np.isfinite(error.map)), plot)
-    result = _as_dict(cut, error, bottom, job)
+    result = _as_dict(cut, error, reached, bottom, job)
     console.show(result, _as_text(result), as_json)
     if len(cut.simulated.removed) < len(job.paths):
         raise typer.Exit(console.NOT_CONVERGED)
@@ -184,15 +206,8 @@ def _job(
     from procmodel.io import read_paths
     from procmodel.wear.scanning import scan_layers
 
-    if cavity.cut is None:
-        raise InputError("a table of areas has no outline to scan: give a shape or a --solid.")
-    full = cavity.full_depth
-    if plan.bottom[-1] > full * (1 + 1e-9):
-        raise InputError(
-            f"{plan.path.name} plans a depth of {plan.bottom[-1]:g} um, but the {cavity.name} is "
-            f"{full:g} um deep: give the cavity that was planned."
-        )
-    slices = cavity.cut(plan.bottom, level)
+    slices = cavity.planned(plan.bottom, level, plan.path.name)
+    _require_same_part(plan, slices, cavity.name)
     notes = []
     if paths is None:
         choice = narrow or ("refuse" if cavity.solid is None else "plunge")
@@ -205,22 +220,61 @@ def _job(
                 f"{len(reach.narrow)} layers from layer {reach.narrow[0]} on are narrower than the "
                 "electrode, which plunges there and cuts more than they ask for"
             )
-        return _Job(plan, slices, ways, section, notes)
+        return _Job(plan, slices, ways, reach, notes)
     written = read_paths(paths)
     if len(written) != len(plan.bottom):
         raise InputError(
             f"{paths.name} has {len(written)} layers, {plan.path.name} {len(plan.bottom)}: give "
             "the two files of one plan."
         )
-    return _Job(plan, slices, ways_of(written), section, notes)
+    reach = slices.reach(section, gap, "plunge")
+    return _Job(plan, slices, ways_of(written), reach, notes)
 
 
-def _bottom(job: _Job, gap: float, workpiece: "WorkpieceMap") -> "np.ndarray":
+def _require_affordable(paths: "list[LayerPath]", section: "ElectrodeSection", cell: float) -> None:
+    import numpy as np
+
+    corners = np.concatenate([path.points for path in paths])
+    wide, high = np.ptp(corners, axis=0) + section.size
+    cells = wide * high / cell**2
+    if cells > _MOST_CELLS:
+        raise InputError(
+            f"--cell {cell:g} um makes {cells:.3g} cells of {wide:.4g} x {high:.4g} um, more than "
+            f"{_MOST_CELLS:.3g}: take cells of {cell * math.sqrt(cells / _MOST_CELLS):.2g} um or "
+            "more."
+        )
+
+
+def _spared(job: _Job, workpiece: "WorkpieceMap") -> "np.ndarray":
+    """Cells that the electrode does not reach in some layer."""
+    import numpy as np
+    import shapely
+
+    x, y = np.meshgrid(workpiece.x, workpiece.y, indexing="ij")
+    return shapely.contains_xy(job.slices.out_of_reach(job.reach), x, y)
+
+
+def _require_same_part(plan: "WrittenPlan", slices: "Slices", name: str) -> None:
+    import numpy as np
+
+    if plan.area is None:
+        return
+    areas = slices.areas
+    known = areas > 0
+    off = float(np.median(np.abs(plan.area[known] / areas[known] - 1.0))) if np.any(known) else 0.0
+    if off > _OTHER_PART:
+        raise InputError(
+            f"{plan.path.name} has layers whose areas differ from those of the {name} by "
+            f"{100 * off:.3g} % in the middle: give the cavity that was planned."
+        )
+
+
+def _bottom(job: _Job, workpiece: "WorkpieceMap") -> "np.ndarray":
     """Cells of the last layer that its wall does not reach."""
     import numpy as np
     import shapely
 
-    cleared = job.slices.reach(job.electrode, gap, "plunge").cleared[-1]
+    cleared = job.reach.cleared[-1]
     inner = cleared.buffer(-_RIM * workpiece.cell)
     x, y = np.meshgrid(workpiece.x, workpiece.y, indexing="ij")
     inside = shapely.contains_xy(inner, x, y)
@@ -233,7 +287,11 @@ def _bottom(job: _Job, gap: float, workpiece: "WorkpieceMap") -> "np.ndarray":
 
 
 def _as_dict(
-    cut: "CutCavity", error: "SurfaceError", bottom: "np.ndarray", job: _Job
+    cut: "CutCavity",
+    error: "SurfaceError",
+    reached: "SurfaceError",
+    bottom: "np.ndarray",
+    job: _Job,
 ) -> dict[str, Any]:
     import numpy as np
 
@@ -250,6 +308,9 @@ def _as_dict(
         "error_rms": error.rms,
         "error_mean": error.mean,
         "error_max": error.max,
+        "reachable_error_rms": reached.rms,
+        "reachable_error_mean": reached.mean,
+        "reachable_error_max": reached.max,
         "tip_peak_to_valley": float(np.ptp(loss)),
         "electrode_length": float(at.greatest_loss[-1]) if len(at.greatest_loss) else 0.0,
         "removed_volume": float(np.sum(at.removed)),
@@ -274,8 +335,10 @@ def _as_text(result: dict[str, Any]) -> str:
         f"depth             {result['depth_mean']:.4f} um in the mean of the bottom"
         + ("" if band is None else f" +- {band:.2g} (95 %)"),
         f"flatness          {result['bottom_peak_to_valley']:.4f} um from peak to valley",
-        f"error             {result['error_rms']:.4f} um rms, {result['error_mean']:+.4f} mean, "
-        f"{result['error_max']:.4f} at most",
+        f"error             {result['reachable_error_rms']:.4f} um rms, "
+        f"{result['reachable_error_mean']:+.4f} mean, {result['reachable_error_max']:.4f} at most, "
+        "of what the electrode reaches",
+        f"with the corners  {result['error_rms']:.4f} um rms, {result['error_max']:.4f} at most",
         f"electrode         {result['electrode_length']:.4f} um shorter, its tip uneven by "
         f"{result['tip_peak_to_valley']:.4f} um",
         f"run               {result['steps']} steps, {result['cells'][0]} x {result['cells'][1]} "

@@ -104,7 +104,7 @@ class Foresight:
     more : mapping
         Gaps and spread width, as `CavityModel.cut` takes them.
     target : ndarray, shape (nx, ny) [um]
-        Wanted depth.
+        Wanted depth; NaN in cells that do not count.
     belief : Belief
         Wear ratios.
     """
@@ -135,7 +135,7 @@ class Foresight:
         surfaces, depths, losses = map(np.asarray, self._run(feeds, self.ratios))
         count = len(self.belief.nodes)
         middle = count // 2
-        region = cleared_cells(np.max(surfaces, axis=0), self.target)
+        region = cleared_cells(np.max(surfaces, axis=0), self.target) & np.isfinite(self.target)
         errors = [surface_error(surface, self.target, region) for surface in surfaces]
         nodes = errors[:count]
         low, high = (0, 0) if count == 1 else (count, count + 1)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import shapely
 
 from calibration.plans.belief import believed_wear_ratio
 from calibration.plans.schedule import Machine, Schedule
@@ -27,6 +28,7 @@ from procmodel.errors import InputError
 from procmodel.precision import require_float64
 from procmodel.wear.layer_path import ElectrodeSection, LayerPath
 from procmodel.wear.target_map import Target, target_map
+from procmodel.wear.zmap_maps import WorkpieceMap
 from procmodel.wear.zmap_wear import WearMode
 
 _MACHINE = Machine()
@@ -239,6 +241,7 @@ def simulated_schedule(
     *,
     target_depth: float | None = None,
     feed_bounds: tuple[float, float] = (0.0, math.inf),
+    spared: shapely.Geometry | None = None,
     progress: Callable[[int, float], None] | None = None,
 ) -> SimulatedSchedule:
     """Feeds that bring the simulated surface nearest to the wanted one.
@@ -265,6 +268,9 @@ def simulated_schedule(
         layer, and without a schedule the target's own depth.
     feed_bounds : (float, float) [um]
         Least and greatest feed of a layer, taken inwards to whole steps of the resolution.
+    spared : shapely geometry, optional [um]
+        Places whose error does not count, such as corners that the electrode does not reach
+        (`Slices.out_of_reach`).
     progress : callable, optional
         Called with the number of evaluations and the root mean square error [um] of each. An
         interrupt from the keyboard ends the search with the best feeds so far.
@@ -292,7 +298,7 @@ def simulated_schedule(
         layers = start.layers.bottom if isinstance(start, Schedule) else [math.inf]
         target_depth = float(layers[-1])
     check = settings.model(paths, section, settings.cell)
-    wanted = target_map(target, check.workpiece, target_depth)
+    wanted = _sparing(target_map(target, check.workpiece, target_depth), check.workpiece, spared)
     # Refuses settings that do not go together, before any long work.
     foresight = Foresight(check, settings.more, wanted, belief)
     told, stepped = _rounded(begin, machine.resolution)
@@ -302,7 +308,7 @@ def simulated_schedule(
     found = search_feeds(
         coarse,
         settings.more,
-        target_map(target, coarse.workpiece, target_depth),
+        _sparing(target_map(target, coarse.workpiece, target_depth), coarse.workpiece, spared),
         belief.nodes,
         begin,
         bounds,
@@ -348,6 +354,16 @@ def simulated_schedule(
         status=status,
         warnings=tuple(warnings),
     )
+
+
+def _sparing(
+    target: np.ndarray, workpiece: WorkpieceMap, spared: shapely.Geometry | None
+) -> np.ndarray:
+    """The target with NaN where the error does not count."""
+    if spared is None or spared.is_empty:
+        return target
+    x, y = np.meshgrid(workpiece.x, workpiece.y, indexing="ij")
+    return np.where(shapely.contains_xy(spared, x, y), np.nan, target)
 
 
 def _start_feeds(start: Schedule | np.ndarray, layers: int) -> np.ndarray:

@@ -66,7 +66,7 @@ def search_feeds(
     more : mapping
         Gaps and spread width, as `CavityModel.cut` takes them.
     target : ndarray, shape (nx, ny) [um]
-        Wanted depth.
+        Wanted depth; NaN in cells that do not count.
     wear_ratios : ndarray, shape (k,)
         Equally likely wear ratios.
     start : ndarray, shape (n,) [um]
@@ -88,7 +88,8 @@ def search_feeds(
     """
     begin = np.clip(start, *bounds)
     middle = wear_ratios[len(wear_ratios) // 2]
-    region = np.flatnonzero(cleared_cells(model.depth(begin, middle, **more), target))
+    cleared = cleared_cells(model.depth(begin, middle, **more), target)
+    region = np.flatnonzero(cleared & np.isfinite(target))
     wanted = jnp.asarray(target.ravel()[region])
     size = np.maximum(start, bounds[0])
 

@@ -22,12 +22,15 @@ class WrittenPlan:
         Wanted depth of the bottom of every layer.
     cumulative_feed : numpy.ndarray, shape (n,), um
         Feed from the surface after every layer.
+    area : numpy.ndarray, shape (n,), or None, um^2
+        Area of every layer, where the file says it.
     path : pathlib.Path
         The file.
     """
 
     bottom: np.ndarray
     cumulative_feed: np.ndarray
+    area: np.ndarray | None
     path: Path
 
     @property
@@ -81,7 +84,8 @@ def read_plan(path: str | os.PathLike[str], stage: int = 1) -> WrittenPlan:
         to row.
     """
     columns = [Column("target z", "um"), Column("cumulative feed", "um")]
-    table = read_table(path, [*columns, Column("stage", "-", required=False)])
+    more = [Column("stage", "-", required=False), Column("area", "um^2", required=False)]
+    table = read_table(path, [*columns, *more])
     table = _of_stage(table, stage)
     for name in ("target z", "cumulative feed"):
         rises = np.diff(table.values[name], prepend=0.0) > 0
@@ -92,7 +96,10 @@ def read_plan(path: str | os.PathLike[str], stage: int = 1) -> WrittenPlan:
                 "but must grow from layer to layer, from above 0: sort the layers from the surface "
                 "down."
             )
-    return WrittenPlan(table.values["target z"], table.values["cumulative feed"], table.path)
+    values = table.values
+    return WrittenPlan(
+        values["target z"], values["cumulative feed"], values.get("area"), table.path
+    )
 
 
 def read_paths(path: str | os.PathLike[str], stage: int = 1) -> list[WrittenPath]:

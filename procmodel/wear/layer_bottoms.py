@@ -8,6 +8,8 @@ from procmodel.errors import InputError
 
 # Share of a layer up to which a remainder deepens the last layer instead of being one.
 _THIN_REMAINDER = 0.1
+# More layers than this are a wrong unit.
+MOST_LAYERS = 20_000
 
 
 def uniform_bottoms(depth: float, layer_depth: float) -> np.ndarray:
@@ -38,6 +40,11 @@ def uniform_bottoms(depth: float, layer_depth: float) -> np.ndarray:
         raise InputError(
             f"layer depth {layer_depth:g} um gives no layer: it must be above 0 and at most the "
             f"depth {depth:g} um."
+        )
+    if depth > MOST_LAYERS * layer_depth:
+        raise InputError(
+            f"a depth of {depth:.6g} um makes {depth / layer_depth:.6g} layers of {layer_depth:g} "
+            f"um, more than {MOST_LAYERS}: check the unit of the part, or take thicker layers."
         )
     count = max(1, math.ceil(depth / layer_depth - _THIN_REMAINDER))
     bottoms = np.minimum(np.arange(1, count + 1) * layer_depth, depth)

@@ -38,6 +38,8 @@ __all__ = [
 ]
 
 Pattern = Literal["raster", "contour", "alternate"]
+# Way through a layer [um] beyond which the part's unit is wrong.
+_LONGEST = 1e7
 PATTERNS = ("raster", "contour", "alternate")
 # Of the electrode's size: how wide the reachable region of a slot may be.
 _SLOT = 0.02
@@ -159,6 +161,14 @@ def scan_layers(
         As `scan_layer`; the text names the layer.
     """
     reach = reach if reach is not None else slices.reach(electrode, gap)
+    widest = max(region.area for region in reach.reachable)
+    length = widest / (electrode.size * (1.0 - rules.overlap))
+    if length > _LONGEST:
+        raise InputError(
+            f"the widest layer, {widest / 1e6:.4g} mm^2, would take about {length / 1e6:.3g} m of "
+            f"path with an electrode of {electrode.size:g} um: check the unit of the part, or take "
+            "a larger electrode."
+        )
     return [
         _scan(reachable, electrode, gap, rules, n, pattern)
         for n, reachable in enumerate(reach.reachable, start=1)

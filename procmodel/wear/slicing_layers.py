@@ -51,6 +51,32 @@ class WallSlopes:
     floors: np.ndarray
 
 
+def level_floors(mesh: Mesh) -> tuple[float, ...]:
+    """Depths at which a mesh has level floors.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The cavity, faces outward.
+
+    Returns
+    -------
+    tuple of float [um]
+        From the surface down; depths closer than a millionth of the whole are one.
+    """
+    corners = mesh.vertices[mesh.faces]
+    depths = corners[:, :, 2]
+    whole = float(np.ptp(depths))
+    level = np.ptp(depths, axis=1) <= 1e-6 * whole
+    sides = corners[:, 1:, :2] - corners[:, :1, :2]
+    area = 0.5 * np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])
+    found: list[float] = []
+    for depth in np.sort(depths[level & (area > 0.0)].mean(axis=1)):
+        if depth > 1e-6 * whole and (not found or depth - found[-1] > 1e-6 * whole):
+            found.append(float(depth))
+    return tuple(found)
+
+
 def layer_bottoms_by_tolerance(
     slopes: WallSlopes, tolerance: float, greatest: float, least: float = 0.0
 ) -> np.ndarray:

@@ -18,6 +18,12 @@ from procmodel.wear.slicing_reach import check_gap, dilate, erode, inscribed_rad
 from procmodel.wear.solids import TargetLayers
 
 
+# Of the electrode's area: a place out of reach that is not worth looking at.
+_SPECK = 0.02
+# How near outlines touch [um].
+_TOUCH = 1e-3
+
+
 @dataclass(frozen=True)
 class Reach:
     """What an electrode makes of every layer.
@@ -174,6 +180,50 @@ class Slices:
             area=jnp.asarray(areas),
         )
 
+    def out_of_reach(self, reach: Reach) -> shapely.Geometry:
+        """Places that some layer wants cleared and the electrode cannot clear there.
+
+        Parameters
+        ----------
+        reach : Reach
+            From `reach`, of these slices.
+
+        Returns
+        -------
+        shapely geometry
+            Corners and passages that stay uncut, seen from above.
+        """
+        pairs = zip(self.regions, reach.cleared, strict=True)
+        return shapely.union_all([region.difference(cleared) for region, cleared in pairs])
+
+    def closed_passages(self, reach: Reach, electrode: ElectrodeSection) -> tuple[int, ...]:
+        """Layers in which more than corners stays uncut.
+
+        Parameters
+        ----------
+        reach : Reach
+            From `reach`, of these slices.
+        electrode : ElectrodeSection
+            The electrode.
+
+        Returns
+        -------
+        tuple of int
+            Layers, from 1, with a place out of reach between places that are cleared, or as large
+            as the electrode's own section.
+        """
+        found = []
+        for n, (region, cleared) in enumerate(
+            zip(self.regions, reach.cleared, strict=True), start=1
+        ):
+            if n in reach.narrow:
+                continue
+            pieces = shapely.get_parts(region.difference(cleared))
+            pieces = pieces[shapely.area(pieces) > _SPECK * electrode.area]
+            if any(p.area > electrode.area or _sides(p, cleared) > 1 for p in pieces):
+                found.append(n)
+        return tuple(found)
+
     def above(self, layer: int) -> "Slices":
         """The layers above a layer, which is counted from 1, without it."""
         kept = layer - 1
@@ -229,3 +279,9 @@ class Slices:
 def _largest(region: shapely.Geometry) -> shapely.Geometry:
     parts = shapely.get_parts(region)
     return parts[int(np.argmax(shapely.area(parts)))]
+
+
+def _sides(piece: shapely.Geometry, cleared: shapely.Geometry) -> int:
+    """Along how many stretches of its outline a piece touches what is cleared."""
+    shared = shapely.line_merge(piece.boundary.intersection(cleared.buffer(_TOUCH)))
+    return sum(part.length > 10.0 * _TOUCH for part in shapely.get_parts(shared))

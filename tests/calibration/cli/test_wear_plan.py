@@ -145,7 +145,7 @@ def test_schedule_fed_back_gives_the_wanted_wall(tmp_path, run_json):
         ([*HEMISPHERE, "--depth", "200"], ("depth", "150")),
         ([*HEMISPHERE, "--layer-depth", "0.01"], ("resolution",)),
         ([*HEMISPHERE, "--greatest-feed", "3"], ("--optimise",)),
-        ([*HEMISPHERE, "--wear-ratio", "-1"], ("wear ratio",)),
+        ([*HEMISPHERE, "--wear-ratio", "-1"], ("--wear-ratio is -1",)),
         ([*HEMISPHERE, "--fit", "fit.json"], ("--wear-ratio", "--fit")),
         ([*HEMISPHERE, "--usable-length", "1"], ("usable length",)),
         (["--shape", "table", "--layer-depth", "2"], ("--table",)),

@@ -201,7 +201,9 @@ def test_job_file(frustum, tmp_path, run):
         ([*PYRAMID, "--pattern", "rastr"], ["did you mean 'raster'"]),
         ([*PYRAMID, "--pattern", "raster", "--overlap", 1], ["overlap 1"]),
         ([*PYRAMID, "--narrow", "skip", "--pattern", "raster"], ["--narrow is 'skip'"]),
-        ([*PYRAMID, "--scallop", 0], ["tolerance 0 um gives no layer"]),
+        ([*PYRAMID, "--scallop", 0], ["--scallop is 0"]),
+        ([*PYRAMID, "--level", "foo"], ["--level is", "middle"]),
+        ([*PYRAMID, "--undercut", "foo"], ["--undercut is"]),
         ([*PYRAMID, "--depth", 100, "--travel", 400, 1000, 9000], ["cavity is 500 um along X"]),
         ([*PYRAMID, "--depth", 100, "--travel", 1000, 1000, 300], ["sum of the feeds", "along Z"]),
         ([*PYRAMID, "--preview", "p.gif"], ["p.gif", ".png"]),
@@ -258,3 +260,45 @@ def test_levelling_passes_go_to_and_fro_over_the_last_layer(tmp_path, run_json, 
         np.testing.assert_array_equal(one, next_one[::-1])
     code, _, err = run(*options, "--levelling", 2, "--layer-depth", 5)
     assert code == 2 and "one --layer-depth" in err
+
+
+def test_depths_in_single_precision_are_what_they_were_meant_to_be(tmp_path, run, run_json):
+    # 0.06 mm in single precision is 59.99999866 um.
+    corners = 0.2 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1.0]])
+    points = np.vstack([np.column_stack([corners, np.full(4, z)]) for z in (0.0, -0.06)])
+    part, plan = tmp_path / "part.stl", tmp_path / "plan.csv"
+    trimesh.convex.convex_hull(points).export(part)
+    options = ("--solid", part, *ELECTRODE)
+    run_json(*PLAN, *options, "--layer-depth", 20, "--depth", 60)
+    run_json(*PLAN, *options, "--layer-depth", 20, "--out", plan)
+    cut = run_json("wear", "simulate", "--plan", plan, *options, "--wear-ratio", 0.3, "--cell", 10)
+    assert cut["layers"] == 3
+    code, _, err = run(*PLAN, *options, "--layer-depth", 2, "--solid-unit", "m")
+    assert code == 2 and "makes 30000 layers of 2 um" in err
+    code, _, err = run(*PLAN, *options, "--layer-depth", 200, "--solid-unit", "m",
+                       "--paths", tmp_path / "p.csv")  # fmt: skip
+    assert code == 2 and "check the unit of the part" in err
+
+
+def test_a_floor_between_layers_and_a_closed_passage_are_noted(tmp_path, run_json):
+    step = np.array([[0, 0], [400, 0], [400, -20], [200, -20], [200, -60], [0, -60.0]]) / 1000.0
+    front = [trimesh.creation.extrude_triangulation(
+        step, [[0, 4, 5], [0, 3, 4], [0, 1, 3], [1, 2, 3]], 0.3)]  # fmt: skip
+    mesh = front[0]
+    mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))
+    part = tmp_path / "step.stl"
+    mesh.export(part)
+    uneven = run_json(*PLAN, "--solid", part, *ELECTRODE, "--layer-depth", 12)
+    assert any("level floor at 20 um" in note for note in uneven["warnings"])
+    even = run_json(*PLAN, "--solid", part, *ELECTRODE, "--layer-depth", 10)
+    assert not any("level floor" in note for note in even["warnings"])
+    x, y = np.meshgrid(np.arange(0.0, 501.0, 10.0), np.arange(0.0, 301.0, 10.0), indexing="ij")
+    neck = ((x < 200) | (x > 300) | (np.abs(y - 150) < 35)) & (x > 0) & (x < 500)
+    depth = np.where(neck & (y > 0) & (y < 300), 20.0, 0.0)
+    table = tmp_path / "map.csv"
+    write_table(table, {"x [um]": x.ravel(), "y [um]": y.ravel(), "z [um]": depth.ravel()})
+    shape = ("--shape", "map", "--table", table, "--layer-depth", 10)
+    found = run_json(*PLAN, *shape, *ELECTRODE)
+    assert any("does not fit through" in note for note in found["warnings"])
+    thin = run_json(*PLAN, *shape, "--electrode-diameter", 40)
+    assert not any("does not fit through" in note for note in thin["warnings"])

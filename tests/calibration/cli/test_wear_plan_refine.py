@@ -33,7 +33,7 @@ def test_refined_feeds_leave_less_error_in_an_independent_run(tmp_path, run_json
     [
         (["--refine", 2, "--levelling", 2], "--refine is for one stage without --levelling"),
         (UNIFORM, "belong to --refine"),
-        (["--refine", 0], "cell 0 um must be above 0"),
+        (["--refine", 0], "--refine is 0, but must be above 0"),
         (["--refine", 2, "--wear-mode", "turning"], "turning"),
     ],
 )

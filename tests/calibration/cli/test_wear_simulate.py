@@ -69,6 +69,33 @@ def test_a_fit_brings_its_band(planned, tmp_path, run_json, run, profile):
     assert plot.stat().st_size > 20_000
 
 
+def test_what_is_read_is_not_written_over(planned, run):
+    plan = planned.with_suffix(".nc")
+    plan.write_bytes(planned.read_bytes())
+    code, _, err = run(*simulate(plan, "--wear-ratio", 0.2, "--out", plan))
+    assert code == 2 and "is read and would be written over" in err
+    assert plan.read_bytes() == planned.read_bytes()
+
+
+def test_a_plan_of_another_part_is_told(planned, run):
+    slot = ("--shape", "slot", "--length", 60, "--width", 30, "--wear-ratio", 0.2)
+    code, _, err = run(
+        "wear", "simulate", "--plan", planned, *slot, *ELECTRODE, "--cell", 2
+    )  # fmt: skip
+    assert code == 2 and "whose areas differ from those of the slot" in err
+
+
+def test_corners_out_of_reach_are_told_apart(tmp_path, run_json):
+    box = ("--shape", "pyramid", "--half-width", 25, "--wall-angle", 90)
+    out = tmp_path / "plan.csv"
+    run_json("wear", "plan", *box, *ELECTRODE, "--depth", 10, "--layer-depth", 1,
+             "--wear-ratio", 0.1, "--out", out)  # fmt: skip
+    found = run_json("wear", "simulate", "--plan", out, *box, *ELECTRODE, "--cell", 1,
+                     "--wear-ratio", 0.1, "--wear-mode", "uniform")  # fmt: skip
+    assert found["error_max"] == pytest.approx(10.0)
+    assert found["reachable_error_rms"] < 0.6 * found["error_rms"]
+
+
 def test_a_used_up_electrode_ends_the_run(planned, run):
     code, out, _ = run(*simulate(planned, "--wear-ratio", 0.2, "--usable-length", 5))
     assert code == 1
@@ -87,7 +114,7 @@ def test_a_run_goes_on_from_its_checkpoint(planned, tmp_path, run_json, run):
 @pytest.mark.parametrize(
     ("more", "words"),
     [
-        (["--wear-ratio", -0.1], "wear ratio"),
+        (["--wear-ratio", -0.1], "--wear-ratio is -0.1"),
         (["--wear-ratio", 40], "not in percent"),
         (["--wear-ratio", 0.2, "--cell", 0], "--cell is 0"),
         (["--wear-ratio", 0.2, "--cell", 11], "larger than half the electrode"),
@@ -98,12 +125,16 @@ def test_a_run_goes_on_from_its_checkpoint(planned, tmp_path, run_json, run):
         (["--wear-ratio", 0.2, "--solid", "part.stl"], "give either --shape or --solid"),
         (["--wear-ratio", 0.2, "--radius", 20], "give the cavity that was planned"),
         (["--wear-ratio", 0.2, "--narrow", "stop"], "--narrow stop belongs to 'wear plan'"),
+        (["--wear-ratio", 0.2, "--cell", 0.001], "more than 2e+07: take cells of"),
+        (["--wear-ratio", 0.2, "--wear-mode", "spread"], "--spread-width go together"),
+        (["--wear-ratio", 0.2, "--out", "map.txt"], "let the name end in .nc"),
         ([], "give one of --wear-ratio, --fit and --posterior"),
     ],
 )
 def test_refusals(planned, tmp_path, run, more, words):
     out = tmp_path / "never.nc"
-    code, _, err = run(*simulate(planned, *more, "--out", out))
+    more = more if "--out" in more else [*more, "--out", out]
+    code, _, err = run(*simulate(planned, *more))
     assert code == 2
     assert words in err and err.count("\n") == 1
     assert not out.exists()
