@@ -17,7 +17,6 @@ from procmodel.wear.layer_path import ElectrodeSection
 from procmodel.wear.slicing_reach import check_gap, dilate, erode, inscribed_radius, polygons_of
 from procmodel.wear.solids import TargetLayers
 
-
 # Of the electrode's area: a place out of reach that is not worth looking at.
 _SPECK = 0.02
 # How near outlines touch [um].
