@@ -14,10 +14,10 @@ from benchmarks import measure
 from benchmarks.report import Section
 from benchmarks.sizes import QUICK, Sizes
 from procmodel.io import read_solid
+from procmodel.wear.layer_bottoms import uniform_bottoms
 from procmodel.wear.layer_path import ElectrodeSection
 from procmodel.wear.scanning import scan_layers
 from procmodel.wear.slicing import Slices, slice_mesh
-from procmodel.wear.layer_bottoms import uniform_bottoms
 
 RADIUS = 100.0
 TRIANGLES, LAYERS = 100_000, 200
