@@ -67,11 +67,6 @@ class CavityTask:
     wear_mode: WearMode = "local"
     spread_width: float | None = None
 
-    @property
-    def cells(self) -> int:
-        """Cell updates of one run: steps times cells of the electrode."""
-        return int(self.steps.counts.sum()) * self.electrode.width**2
-
     def configuration(self, wear_ratio: float) -> dict[str, Any]:
         """All that a run's result depends on, as plain types."""
         import hashlib
@@ -222,8 +217,7 @@ def cut_cavity(
         gaps = (task.side_gap, task.bottom_gap)
         Settings(task.electrode, float(ratio), *gaps, task.wear_mode, task.spread_width)
     total = len(task.steps.x) * len(ratios)
-    if kept is not None:
-        kept.load()
+    begun = _loaded(task, kept)
     clock = _Clock(task)
     with reporting(progress) as bar:
         bar.compiling("layers")
@@ -236,7 +230,9 @@ def cut_cavity(
                 bar.running("layers", before + done, total)
 
             clock.start()
-            runs.append(_cut(task, float(ratio), kept if number == 0 else None, tell))
+            # Only the run at the middle is kept.
+            file, at = (kept, begun) if number == 0 else (None, None)
+            runs.append(_cut(task, float(ratio), tell, file, at))
             if runs[0].stopped or runs[0].used_up:
                 break
     # Ends that did not come to their end say nothing.
@@ -280,12 +276,15 @@ class _Clock:
 
 
 def _cut(
-    task: CavityTask, wear_ratio: float, kept: Checkpoint | None, tell: Callable[[int], None]
+    task: CavityTask,
+    wear_ratio: float,
+    tell: Callable[[int], None],
+    kept: Checkpoint | None,
+    at: Simulated | None,
 ) -> Simulated:
-    """One run, in parts between which its state is kept."""
+    """One run from where it stands, in parts between which its state is kept."""
     total = len(task.steps.x)
     part = max(1, -(-total // _PARTS))
-    at = _loaded(task, kept)
     done = 0 if at is None else len(np.asarray(at.removed))
     while True:
         at = simulate_layers(

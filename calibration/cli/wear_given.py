@@ -45,6 +45,18 @@ def section_of(
     return ElectrodeSection("square", side)
 
 
+def require_spread(wear_mode: str, spread_width: float | None) -> None:
+    """Refuse a wear mode and a spread width [um] that do not go together.
+
+    Raises
+    ------
+    InputError
+        If one of mode spread and its width is given without the other.
+    """
+    if (wear_mode == "spread") != (spread_width is not None):
+        raise InputError("--wear-mode spread and --spread-width go together: give both or none.")
+
+
 def ways_of(written: "list[WrittenPath]") -> "list[LayerPath]":
     """Written paths as the processes take them.
 

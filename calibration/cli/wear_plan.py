@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from calibration.cli import console, options
 from calibration.cli import wear_plan_options as choices
-from calibration.cli.wear_given import section_of
+from calibration.cli.wear_given import require_spread, section_of
 from calibration.cli.wear_plan_belief import believed_of
 from calibration.cli.wear_plan_cavity import Cavity, cavity_of_shape, cavity_of_solid
 from procmodel.errors import InputError, nearest
@@ -121,8 +121,7 @@ def plan_command(
                         ("--plunge-feed", plunge_feed)):  # fmt: skip
         if value is not None and not (math.isfinite(value) and value > 0):
             raise InputError(f"{name} is {value:g}, but must be above 0.")
-    if (wear_mode == "spread") != (spread_width is not None):
-        raise InputError("--wear-mode spread and --spread-width go together: give both or none.")
+    require_spread(wear_mode, spread_width)
     read = (table, solid, fit, posterior, template)
     options.check_outputs(out, paths, gcode, plot=plot, inputs=read)
     options.check_outputs(out, paths, gcode, plot, plot=preview, inputs=read)

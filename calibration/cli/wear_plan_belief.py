@@ -7,9 +7,6 @@ from typing import Any
 
 from procmodel.errors import InputError
 
-# Above this a wear ratio is a percentage, or workpiece over electrode.
-_LARGEST = 10.0
-
 
 def believed_of(
     wear_ratio: float | None, fit: Path | None, posterior: Path | None, area: float
@@ -41,10 +38,12 @@ def believed_of(
     if sum(given) != 1:
         raise InputError("give one of --wear-ratio, --fit and --posterior.")
     if wear_ratio is not None:
-        if not 0.0 <= wear_ratio <= _LARGEST:
+        from procmodel.wear.zmap_run import LARGEST_WEAR_RATIO
+
+        if not 0.0 <= wear_ratio <= LARGEST_WEAR_RATIO:
             raise InputError(
-                f"--wear-ratio is {wear_ratio:g}, but must be from 0 to {_LARGEST:g}: the "
-                "electrode's volume lost over the workpiece's removed, not in percent."
+                f"--wear-ratio is {wear_ratio:g}, but must be from 0 to {LARGEST_WEAR_RATIO:g}: "
+                "the electrode's volume lost over the workpiece's removed, not in percent."
             )
         notes = ["a wear ratio of 0 is an electrode that does not wear"] if wear_ratio == 0 else []
         return wear_ratio, notes

@@ -9,7 +9,7 @@ import typer
 
 from calibration.cli import console, options
 from calibration.cli import wear_plan_options as choices
-from calibration.cli.wear_given import section_of, ways_of
+from calibration.cli.wear_given import require_spread, section_of, ways_of
 from calibration.cli.wear_plan_belief import believed_of
 from calibration.cli.wear_plan_cavity import Cavity, cavity_of_shape, cavity_of_solid
 from procmodel.errors import InputError
@@ -122,8 +122,7 @@ def simulate_command(
         raise InputError("--paths brings the scanning with it: leave out the options of scanning.")
     if out is not None and out.suffix.lower() != ".nc":
         raise InputError(f"{out.name}: the maps are written as netCDF: let the name end in .nc.")
-    if (wear_mode == "spread") != (spread_width is not None):
-        raise InputError("--wear-mode spread and --spread-width go together: give both or none.")
+    require_spread(wear_mode, spread_width)
     read = (plan, paths, table, solid, fit, posterior)
     options.check_outputs(out, checkpoint, plot=plot, inputs=read)
 
@@ -247,11 +246,9 @@ def _require_affordable(paths: "list[LayerPath]", section: "ElectrodeSection", c
 
 def _spared(job: _Job, workpiece: "WorkpieceMap") -> "np.ndarray":
     """Cells that the electrode does not reach in some layer."""
-    import numpy as np
-    import shapely
+    from procmodel.wear.target_map import cells_inside
 
-    x, y = np.meshgrid(workpiece.x, workpiece.y, indexing="ij")
-    return shapely.contains_xy(job.slices.out_of_reach(job.reach), x, y)
+    return cells_inside(job.slices.out_of_reach(job.reach), workpiece)
 
 
 def _require_same_part(plan: "WrittenPlan", slices: "Slices", name: str) -> None:
@@ -271,14 +268,10 @@ def _require_same_part(plan: "WrittenPlan", slices: "Slices", name: str) -> None
 
 def _bottom(job: _Job, workpiece: "WorkpieceMap") -> "np.ndarray":
     """Cells of the last layer that its wall does not reach."""
-    import numpy as np
-    import shapely
+    from procmodel.wear.target_map import cells_inside
 
-    cleared = job.reach.cleared[-1]
-    inner = cleared.buffer(-_RIM * workpiece.cell)
-    x, y = np.meshgrid(workpiece.x, workpiece.y, indexing="ij")
-    inside = shapely.contains_xy(inner, x, y)
-    if not np.any(inside):
+    inside = cells_inside(job.reach.cleared[-1].buffer(-_RIM * workpiece.cell), workpiece)
+    if not inside.any():
         raise InputError(
             f"the bottom is narrower than {2 * _RIM:g} cells of {workpiece.cell:g} um: take "
             "smaller cells."

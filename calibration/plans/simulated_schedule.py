@@ -27,7 +27,7 @@ from calibration.wear_surface_model import CavityModel
 from procmodel.errors import InputError
 from procmodel.precision import require_float64
 from procmodel.wear.layer_path import ElectrodeSection, LayerPath
-from procmodel.wear.target_map import Target, target_map
+from procmodel.wear.target_map import Target, cells_inside, target_map
 from procmodel.wear.zmap_maps import WorkpieceMap
 from procmodel.wear.zmap_wear import WearMode
 
@@ -362,8 +362,7 @@ def _sparing(
     """The target with NaN where the error does not count."""
     if spared is None or spared.is_empty:
         return target
-    x, y = np.meshgrid(workpiece.x, workpiece.y, indexing="ij")
-    return np.where(shapely.contains_xy(spared, x, y), np.nan, target)
+    return np.where(cells_inside(spared, workpiece), np.nan, target)
 
 
 def _start_feeds(start: Schedule | np.ndarray, layers: int) -> np.ndarray:

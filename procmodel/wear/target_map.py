@@ -65,6 +65,25 @@ def target_map(
     return np.mean(fine.reshape(nx, samples, ny, samples), axis=(1, 3))
 
 
+def cells_inside(place: shapely.Geometry, workpiece: WorkpieceMap) -> np.ndarray:
+    """Cells of a map whose middles lie in a place.
+
+    Parameters
+    ----------
+    place : shapely geometry [um]
+        Seen from above.
+    workpiece : WorkpieceMap
+        The cells.
+
+    Returns
+    -------
+    ndarray of bool, shape (nx, ny)
+        True inside.
+    """
+    x, y = np.meshgrid(workpiece.x, workpiece.y, indexing="ij")
+    return shapely.contains_xy(place, x, y)
+
+
 def _depth_at(target: Any, x: np.ndarray, y: np.ndarray, depth: float) -> np.ndarray:
     """Wanted depth at the places of a grid, shape (len(x), len(y)) [um]."""
     if isinstance(target, Hemisphere):
